@@ -1,0 +1,2 @@
+//! Flight code.
+#![no_std]

@@ -1,0 +1,7 @@
+//! The control center: everything it knows of the world comes as protocol messages.
+
+pub mod area;
+pub mod assign;
+pub mod localize;
+pub mod place;
+pub mod sweep;

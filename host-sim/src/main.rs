@@ -1,0 +1,2 @@
+//! The `skyroost` command.
+fn main() {}

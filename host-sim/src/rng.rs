@@ -1,0 +1,1 @@
+//! Seeds split per (seed, stream, index).

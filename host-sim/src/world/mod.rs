@@ -1,0 +1,1 @@
+//! The simulated world: vehicles, air, clocks, radio and users.

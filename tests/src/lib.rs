@@ -1,0 +1,1 @@
+//! Whole-mission tests live in `tests/tests/`.
