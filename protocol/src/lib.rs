@@ -1,10 +1,33 @@
 //! What crosses the radio between the drones and the control center of skyroost, and nothing else:
 //! messages with a fixed header in bounded frames, without allocation and without panics.
+//!
+//! - [`message`] says what can be said, [`wire`] how values become bytes;
+//! - [`header`] and [`codec`] make frames of messages and messages of frames;
+//! - [`session`] tells a receiver which frames are new, and how many were lost;
+//! - [`stream`] carries frames over byte links such as a UART.
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(test)]
+extern crate std;
+
+pub mod codec;
+pub mod error;
+pub mod header;
 pub mod message;
+pub mod session;
+pub mod stream;
 pub mod units;
+pub mod wire;
+
+pub use codec::{Body, Frame, MAX_BODY, MAX_FRAME, Message, Sender, Stamp, decode};
+pub use error::{DecodeError, EncodeError, StreamError};
+pub use header::{HEADER_LEN, Header, Kind, TAG_LEN};
+pub use message::SCHEMA_HASH;
+pub use session::{Receiver, Verdict};
+pub use stream::{MAX_STREAM, StreamDecoder, StreamFrame, encode_stream};
 
 /// Version of the wire format. Raised whenever the bytes of a message change.
 pub const PROTOCOL_VERSION: u8 = 1;
+/// Oldest version whose frames are still decoded.
+pub const MIN_PROTOCOL_VERSION: u8 = 1;

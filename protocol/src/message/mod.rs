@@ -2,10 +2,12 @@
 //! [`Peer`] among fleet mates.
 //!
 //! Every container is bounded, so the largest encoding of every message is known when the crate is
-//! compiled. The order of variants and fields *is* the wire format: additions go to the end and raise
-//! [`PROTOCOL_VERSION`](crate::PROTOCOL_VERSION), and the byte-golden tests say so when one moves.
+//! compiled. The tags and the order of fields are listed in `layout.rs`, on one page: additions go to
+//! the end and raise [`PROTOCOL_VERSION`](crate::PROTOCOL_VERSION), and the byte-golden tests say so
+//! when one moves.
 
 mod down;
+mod layout;
 mod peer;
 mod up;
 
@@ -13,6 +15,7 @@ pub use down::{
     Command, Down, Heading, LanePiece, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST,
     MAX_WAYPOINTS, MissionHeader, PeerState, SrsRequest, SrsRequestEntry,
 };
+pub use layout::SCHEMA_HASH;
 pub use peer::{CaptureEntry, MAX_CAPTURES_PER_FRAME, Peer};
 pub use up::{
     AckStatus, Attached, AttachedUser, EventCode, FlightPhase, MAX_ATTACHED_PER_FRAME, MAX_TDOA_PER_FRAME,

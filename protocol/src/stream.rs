@@ -1,0 +1,189 @@
+//! Frames over a byte link such as a UART.
+//!
+//! On the link a frame is a zero, then COBS (Cheshire and Baker 1999) over the frame and its CRC-32
+//! (ISO-HDLC, little-endian), then a zero. COBS leaves no zero within, so that a receiver finds the
+//! next frame after whatever happened to this one; and with a zero on both sides, noise between frames
+//! or a lost delimiter cannot join two of them.
+
+use crate::codec::MAX_FRAME;
+use crate::error::StreamError;
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use heapless::{CapacityError, Vec};
+
+/// Bytes of the checksum.
+const CRC_LEN: usize = 4;
+/// Bytes of the longest frame with its checksum.
+const MAX_PAYLOAD: usize = MAX_FRAME + CRC_LEN;
+/// Bytes of the longest frame on the link: two delimiters and one byte of COBS more.
+pub const MAX_STREAM: usize = 1 + 1 + MAX_PAYLOAD + 1;
+
+const _: () = assert!(MAX_PAYLOAD <= 254, "every run of non-zero bytes is one COBS block");
+const _: () = assert!(MAX_STREAM <= 256, "a frame fits the usual 256-byte buffers of radios and DMA");
+
+/// One frame as it goes over the link.
+pub type StreamFrame = Vec<u8, MAX_STREAM>;
+
+const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+
+/// Replaces `out` by `frame` as it goes over the link.
+///
+/// # Errors
+/// [`StreamError::Overflow`] where `frame` is longer than [`MAX_FRAME`], [`StreamError::Runt`] where it
+/// is empty; `out` is then empty.
+pub fn encode_stream(frame: &[u8], out: &mut StreamFrame) -> Result<(), StreamError> {
+    out.clear();
+    if frame.is_empty() {
+        return Err(StreamError::Runt);
+    }
+    if frame.len() > MAX_FRAME {
+        return Err(StreamError::Overflow);
+    }
+    write_stream(frame, out).map_err(|_| StreamError::Overflow) // cannot happen: `MAX_STREAM` bytes suffice
+}
+
+fn write_stream(frame: &[u8], out: &mut StreamFrame) -> Result<(), CapacityError> {
+    let mut payload = Vec::<u8, MAX_PAYLOAD>::from_slice(frame)?;
+    payload.extend_from_slice(&CRC.checksum(frame).to_le_bytes())?;
+    out.extend_from_slice(&[0])?;
+    // Each run is preceded by the distance to the zero that ends it.
+    for run in payload.split(|byte| *byte == 0) {
+        out.extend_from_slice(&[run.len() as u8 + 1])?;
+        out.extend_from_slice(run)?;
+    }
+    out.extend_from_slice(&[0])
+}
+
+/// What arrived on a byte link so far; every count saturates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StreamCounters {
+    /// Frames delivered.
+    pub frames: u32,
+    /// Dropped: the checksum did not match.
+    pub crc_errors: u32,
+    /// Dropped: a byte-stuffing block pointed beyond the frame.
+    pub cobs_errors: u32,
+    /// Dropped: longer than any frame.
+    pub overflow: u32,
+    /// Dropped: too short to hold anything but a checksum.
+    pub runt: u32,
+}
+
+/// Finds the frames in the bytes of a link, in any portions.
+///
+/// Every zero starts anew, so that damage costs no more than the frame it hits.
+#[derive(Clone, Debug)]
+pub struct StreamDecoder {
+    /// What is unstuffed of the present frame.
+    payload: Vec<u8, MAX_PAYLOAD>,
+    state: State,
+    counters: StreamCounters,
+}
+
+/// What the next byte means, a zero apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// The first code byte of a frame.
+    Start,
+    /// A byte of a run of which so many are left; none left: the code byte of the next run.
+    Run(u8),
+    /// Nothing: the frame was too long and is being skipped.
+    Skip,
+}
+
+impl Default for StreamDecoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl StreamDecoder {
+    /// A decoder at the start of a frame.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            payload: Vec::new(),
+            state: State::Start,
+            counters: StreamCounters { frames: 0, crc_errors: 0, cobs_errors: 0, overflow: 0, runt: 0 },
+        }
+    }
+
+    /// What arrived so far.
+    #[must_use]
+    pub const fn counters(&self) -> &StreamCounters {
+        &self.counters
+    }
+
+    /// Takes the next byte; yields a frame, or what is wrong with one, when it is complete.
+    ///
+    /// # Errors
+    /// A [`StreamError`] for each damaged frame; the next frame is found regardless.
+    pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], StreamError>> {
+        if byte == 0 {
+            return self.finish();
+        }
+        let fits = match self.state {
+            State::Start => {
+                self.payload.clear();
+                self.state = State::Run(byte - 1);
+                Ok(())
+            }
+            State::Run(0) => {
+                // The zero between two runs.
+                self.state = State::Run(byte - 1);
+                self.payload.push(0)
+            }
+            State::Run(left) => {
+                self.state = State::Run(left - 1);
+                self.payload.push(byte)
+            }
+            State::Skip => Ok(()),
+        };
+        if fits.is_err() {
+            self.state = State::Skip;
+            return Some(Err(self.counters.refuse(StreamError::Overflow)));
+        }
+        None
+    }
+
+    /// At a delimiter: the frame before it, if there is any.
+    fn finish(&mut self) -> Option<Result<&[u8], StreamError>> {
+        let state = core::mem::replace(&mut self.state, State::Start);
+        let checked = match state {
+            State::Start | State::Skip => return None,
+            State::Run(0) => check(&self.payload),
+            State::Run(_) => Err(StreamError::Cobs),
+        };
+        Some(match checked {
+            Ok(frame) => {
+                self.counters.frames = self.counters.frames.saturating_add(1);
+                Ok(frame)
+            }
+            Err(error) => Err(self.counters.refuse(error)),
+        })
+    }
+}
+
+/// The frame of a payload with the right checksum.
+fn check(payload: &[u8]) -> Result<&[u8], StreamError> {
+    let (frame, crc) = payload.split_last_chunk::<CRC_LEN>().ok_or(StreamError::Runt)?;
+    if frame.is_empty() {
+        return Err(StreamError::Runt);
+    }
+    if CRC.checksum(frame) != u32::from_le_bytes(*crc) {
+        return Err(StreamError::Crc);
+    }
+    Ok(frame)
+}
+
+impl StreamCounters {
+    const fn refuse(&mut self, error: StreamError) -> StreamError {
+        let counter = match error {
+            StreamError::Crc => &mut self.crc_errors,
+            StreamError::Cobs => &mut self.cobs_errors,
+            StreamError::Overflow => &mut self.overflow,
+            StreamError::Runt => &mut self.runt,
+        };
+        *counter = counter.saturating_add(1);
+        error
+    }
+}
