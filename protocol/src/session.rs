@@ -156,3 +156,102 @@ impl Epoch {
 const fn count(counter: &mut u32, by: u32) {
     *counter = counter.saturating_add(by);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::header::Kind;
+    use crate::units::DroneId;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+    use std::collections::BTreeSet;
+
+    fn header(boot_epoch: u16, sequence: u32) -> Header {
+        Header { version: 1, kind: Kind::Up, flags: 0, sender: DroneId(1), boot_epoch, sequence, body_len: 1 }
+    }
+
+    /// The same rules over the set of everything heard, in numbers that do not wrap.
+    #[derive(Default)]
+    struct Model {
+        heard: BTreeSet<i64>,
+        counters: ReceiverCounters,
+    }
+
+    impl Model {
+        fn accept(&mut self, sequence: i64) -> Verdict {
+            let Some(&newest) = self.heard.last() else {
+                self.heard.insert(sequence);
+                return Verdict::NewEpoch;
+            };
+            if newest - sequence >= i64::from(WINDOW) {
+                Verdict::Stale
+            } else if !self.heard.insert(sequence) {
+                Verdict::Duplicate
+            } else {
+                self.counters.reordered += u32::from(sequence < newest);
+                Verdict::Fresh
+            }
+        }
+
+        /// Numbers from the first one heard to the newest, less those heard.
+        fn lost(&self, first: i64) -> u32 {
+            let newest = self.heard.last().copied().unwrap_or(first);
+            (newest - first + 1 - self.heard.range(first..).count() as i64) as u32
+        }
+    }
+
+    proptest! {
+        /// Verdicts and counts agree with the model, also where the numbers wrap.
+        #[test]
+        fn agrees_with_the_model(
+            first in prop_oneof![Just(0), Just(u32::MAX - 20), any::<u32>()],
+            steps in vec(prop_oneof![Just(1_i64), -3..6_i64, -80..80_i64], 0..300),
+        ) {
+            let mut receiver = Receiver::new();
+            let mut model = Model::default();
+            let mut at = 0_i64;
+            for step in core::iter::once(0).chain(steps) {
+                at += step;
+                let verdict = receiver.accept(&header(7, first.wrapping_add(at as u32)));
+                prop_assert_eq!(verdict, model.accept(at));
+            }
+            let counters = receiver.counters();
+            prop_assert_eq!(counters.lost, model.lost(0));
+            prop_assert_eq!(counters.reordered, model.counters.reordered);
+            prop_assert_eq!(counters.received as usize, model.heard.len());
+        }
+    }
+
+    #[test]
+    fn a_reboot_starts_anew() {
+        let mut receiver = Receiver::new();
+        assert_eq!(receiver.accept(&header(u16::MAX, 500)), Verdict::NewEpoch);
+        assert_eq!(receiver.accept(&header(0, 2)), Verdict::NewEpoch, "boot counts wrap");
+        assert_eq!(receiver.accept(&header(u16::MAX, 501)), Verdict::Stale, "from before the boot");
+        assert_eq!(receiver.accept(&header(0, 2)), Verdict::Duplicate);
+        assert_eq!(receiver.accept(&header(0, 0)), Verdict::Fresh, "late, and never counted as lost");
+        assert_eq!(receiver.accept(&header(0, 4)), Verdict::Fresh);
+        let expected =
+            ReceiverCounters { received: 4, duplicates: 1, stale: 1, reordered: 1, lost: 1, epochs: 2 };
+        assert_eq!(*receiver.counters(), expected);
+    }
+
+    #[test]
+    fn a_lost_boot_counter_can_be_forgiven() {
+        let mut receiver = Receiver::new();
+        assert_eq!(receiver.accept(&header(9, 500)), Verdict::NewEpoch);
+        assert_eq!(receiver.accept(&header(0, 0)), Verdict::Stale);
+        receiver.forget();
+        assert_eq!(receiver.accept(&header(0, 1)), Verdict::NewEpoch);
+    }
+
+    #[test]
+    fn a_jump_of_any_size_is_counted() {
+        let mut receiver = Receiver::new();
+        assert!(receiver.accept(&header(1, 0)).is_accepted());
+        assert_eq!(receiver.accept(&header(1, i32::MAX as u32)), Verdict::Fresh);
+        assert_eq!(receiver.counters().lost, i32::MAX as u32 - 1);
+        assert_eq!(receiver.accept(&header(1, 1)), Verdict::Stale, "lost for good");
+        assert_eq!(receiver.counters().lost, i32::MAX as u32 - 1);
+    }
+}

@@ -1,0 +1,292 @@
+//! The bytes of every message, field by field.
+//!
+//! The expected bytes were packed from the field lists of `message/layout.rs` with Python's `struct`
+//! (`<`, one group a field), not by this crate. A change here is a change of the wire format: raise
+//! `PROTOCOL_VERSION`.
+
+use heapless::Vec;
+use skyroost_protocol::codec::{Body, encode};
+use skyroost_protocol::header::FLAG_TAG;
+use skyroost_protocol::message::{
+    AckStatus, Attached, AttachedUser, CaptureEntry, Command, Down, EventCode, FlightPhase, Heading,
+    LanePiece, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry, TdoaEntry,
+    TdoaFlags, Telemetry, Up,
+};
+use skyroost_protocol::units::{
+    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps,
+};
+use skyroost_protocol::{
+    DecodeError, HEADER_LEN, Header, Kind, MAX_BODY, MAX_FRAME, MAX_STREAM, Message, PROTOCOL_VERSION,
+    SCHEMA_HASH, Stamp, StreamFrame, TAG_LEN, decode, encode_stream,
+};
+
+const STAMP: Stamp = Stamp { sender: DroneId(3), boot_epoch: 7, sequence: 123_456 };
+const TIME: TimePs = TimePs(1_234_567_890_123_456);
+const POS: PosEnuMm = PosEnuMm([4_321_000, -1_234_567, 300_125]);
+const STATE: SharedState =
+    SharedState { time: TIME, pos: POS, vel: VelEnuMmps([9_876, -1_543, 12]), error_radius_mm: 2_000 };
+
+fn bytes_of(hex: &str) -> std::vec::Vec<u8> {
+    let digits: std::vec::Vec<char> = hex.chars().filter(|c| !c.is_whitespace()).collect();
+    let byte = |pair: &[char]| u8::from_str_radix(&String::from_iter(pair), 16).expect("hex digits");
+    digits.chunks(2).map(byte).collect()
+}
+
+/// The message has this body, and the body this message.
+#[track_caller]
+fn golden<B: Body + Clone>(message: B, wrap: fn(B) -> Message, body_hex: &str) {
+    let body = bytes_of(body_hex);
+    let frame = encode(&STAMP, &message).expect("a frame holds every message");
+    assert_eq!(&frame[HEADER_LEN..], body);
+    let (header, decoded) = decode(&frame).expect("a golden frame");
+    assert_eq!(decoded, wrap(message));
+    assert_eq!((header.kind, usize::from(header.body_len)), (B::KIND, body.len()));
+}
+
+#[track_caller]
+fn up(message: Up, body_hex: &str) {
+    golden(message, Message::Up, body_hex);
+}
+
+#[track_caller]
+fn down(message: Down, body_hex: &str) {
+    golden(message, Message::Down, body_hex);
+}
+
+#[track_caller]
+fn peer(message: Peer, body_hex: &str) {
+    golden(message, Message::Peer, body_hex);
+}
+
+#[test]
+fn sizes_and_schema() {
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (1, 0xebe3_6b24));
+    assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 218, 16, 249, 256));
+}
+
+#[test]
+fn whole_frame() {
+    let frame = encode(&STAMP, &Up::Heartbeat).expect("a frame holds every message");
+    //                    magic version kind flags sender epoch sequence length body
+    let expected = bytes_of("5352   01    01   00   0300  0700  40e20100  0100   02");
+    assert_eq!(&frame[..], expected);
+    let header = Header {
+        version: 1,
+        kind: Kind::Up,
+        flags: 0,
+        sender: DroneId(3),
+        boot_epoch: 7,
+        sequence: 123_456,
+        body_len: 1,
+    };
+    assert_eq!(decode(&frame), Ok((header, Message::Up(Up::Heartbeat))));
+}
+
+#[test]
+fn a_tagged_frame_is_understood_and_refused() {
+    let mut frame = bytes_of("5352 01 01 01 0300 0700 40e20100 0100 02");
+    assert_eq!(frame[4], FLAG_TAG);
+    assert_eq!(decode(&frame), Err(DecodeError::Truncated));
+    frame.extend([0xaa; TAG_LEN]);
+    assert_eq!(decode(&frame), Err(DecodeError::TagUnsupported));
+    frame.push(0xaa);
+    assert_eq!(decode(&frame), Err(DecodeError::TrailingBytes));
+}
+
+#[test]
+fn whole_stream_frame() {
+    // CRC-32 by Python's zlib.crc32: 0x5b04bc00; each COBS code counts to the next zero.
+    let frame = bytes_of("5352 01 01 00 0300 0700 40e20100 0100 02");
+    let mut out = StreamFrame::new();
+    encode_stream(&frame, &mut out).expect("a frame fits the link");
+    assert_eq!(&out[..], bytes_of("00 0553520101 0203 0207 0440e201 0201 0202 04bc045b 00"));
+}
+
+#[test]
+fn link_messages() {
+    let hello =
+        Up::Hello { version_min: 1, version_max: 2, schema_hash: 0xdead_beef, capture_tick_hz: 983_040_000 };
+    up(hello, "00 01 02 efbeadde 0000983a");
+    up(Up::Heartbeat, "02");
+    down(Down::Welcome { version: 1, schema_hash: 0xdead_beef }, "00 01 efbeadde");
+    down(Down::Heartbeat, "01");
+}
+
+#[test]
+fn command_ack() {
+    let ack = |status| Up::CommandAck { command: CommandId(42), status };
+    up(ack(AckStatus::Accepted), "01 2a00 00");
+    up(ack(AckStatus::Incomplete { first_missing: 300 }), "01 2a00 01 2c01");
+    up(ack(AckStatus::WrongPhase), "01 2a00 02");
+    up(ack(AckStatus::OutOfRange), "01 2a00 03");
+    up(ack(AckStatus::Overridden), "01 2a00 04");
+}
+
+#[test]
+fn shared_states() {
+    let state = "c0ba8a3cd5620400 e8ee4100 7929edff 5d940400 94260000 f9f9ffff 0c000000 d007";
+    up(Up::SharedState(STATE), &format!("03 {state}"));
+    let peers = [PeerState { drone: DroneId(5), state: STATE }];
+    down(Down::Peers(peers.into_iter().collect()), &format!("05 01 0500 {state}"));
+    down(Down::Peers(Vec::new()), "05 00");
+}
+
+#[test]
+fn telemetry() {
+    let telemetry = |phase, mission| {
+        Up::Telemetry(Telemetry {
+            time: TIME,
+            phase,
+            mission,
+            sweep_phase_mm: 60_000_000,
+            track_error_mm: 1_500,
+            battery_permille: 873,
+            conditions: 5,
+            frames_lost: 12,
+            frames_rejected: 3,
+            dropped: 9,
+        })
+    };
+    let rest = "00879303 dc050000 6903 0500 0c000000 03000000 09000000";
+    up(telemetry(FlightPhase::Serve, Some(MissionId(77))), &format!("04 c0ba8a3cd5620400 05 01 4d00 {rest}"));
+    let phases = [
+        FlightPhase::Grounded,
+        FlightPhase::TakeOff,
+        FlightPhase::Hold,
+        FlightPhase::Sweep,
+        FlightPhase::GoTo,
+        FlightPhase::Serve,
+        FlightPhase::ReturnHome,
+        FlightPhase::Landing,
+    ];
+    for (number, phase) in phases.into_iter().enumerate() {
+        up(telemetry(phase, None), &format!("04 c0ba8a3cd5620400 {number:02x} 00 {rest}"));
+    }
+}
+
+#[test]
+fn attached() {
+    let near = AttachedUser { user: UserId(9), timing_advance: 12 };
+    let far = AttachedUser { user: UserId(70_000), timing_advance: 1_282 };
+    let page = Attached { time: TIME, users: [near, far].into_iter().collect() };
+    up(Up::Attached(page), "05 c0ba8a3cd5620400 02 09000000 0c00 70110100 0205");
+}
+
+#[test]
+fn tdoa() {
+    let mate =
+        |drone, tdoa_ps, flags| MateTdoa { drone: DroneId(drone), tdoa: TdoaPs(tdoa_ps), pos: POS, flags };
+    let both = TdoaEntry {
+        occasion: OccasionId(1000),
+        user: UserId(9),
+        time: TIME,
+        pos: POS,
+        mates: Vec::from_array([
+            mate(1, -123_456, TdoaFlags::default()),
+            mate(2, i32::MAX, TdoaFlags::SATURATED),
+        ]),
+    };
+    let none = TdoaEntry {
+        occasion: OccasionId(1001),
+        user: UserId(10),
+        time: TimePs(TIME.0 + 1),
+        pos: POS,
+        mates: Vec::new(),
+    };
+    up(
+        Up::Tdoa([both, none].into_iter().collect()),
+        "06 02
+         e8030000 09000000 c0ba8a3cd5620400 e8ee4100 7929edff 5d940400 02
+             0100 c01dfeff e8ee4100 7929edff 5d940400 00
+             0200 ffffff7f e8ee4100 7929edff 5d940400 01
+         e9030000 0a000000 c1ba8a3cd5620400 e8ee4100 7929edff 5d940400 00",
+    );
+}
+
+#[test]
+fn events() {
+    let codes = [
+        EventCode::PhaseEntered,
+        EventCode::ConditionRaised,
+        EventCode::ConditionCleared,
+        EventCode::SweepDone,
+        EventCode::GoalReached,
+    ];
+    for (number, code) in codes.into_iter().enumerate() {
+        let event = Up::Event { code, time: TIME, value: 5_000 };
+        up(event, &format!("07 {number:02x} c0ba8a3cd5620400 88130000"));
+    }
+}
+
+#[test]
+fn commands() {
+    let command = |command| Down::Command { id: CommandId(42), command };
+    let header = MissionHeader {
+        mission: MissionId(77),
+        fleet: Some(FleetId(1)),
+        mates: [DroneId(4), DroneId(5), DroneId(6)],
+        slot: 2,
+        spacing_mm: 50_000,
+        heading: Heading::AlongTrack,
+        orientation_mrad: -1_571,
+        speed_mmps: 10_000,
+        altitude_mm: 300_000,
+        home: PosEnuMm([1, -2, 3]),
+        waypoints: 512,
+        d_safe_mm: 10_000,
+    };
+    let reserve =
+        MissionHeader { fleet: None, mates: [DroneId(0); 3], slot: 0, heading: Heading::Fixed, ..header };
+    let tail = "ddf9 1027 e0930400 01000000 feffffff 03000000 0002 1027";
+    down(
+        command(Command::UploadBegin(header)),
+        &format!("02 2a00 00 4d00 01 0100 0400 0500 0600 02 50c30000 01 {tail}"),
+    );
+    down(
+        command(Command::UploadBegin(reserve)),
+        &format!("02 2a00 00 4d00 00 0000 0000 0000 00 50c30000 00 {tail}"),
+    );
+    let commit = Command::UploadCommit { mission: MissionId(77), lanes_crc: 0x1234_5678 };
+    down(command(commit), "02 2a00 01 4d00 78563412");
+    down(command(Command::TakeOff), "02 2a00 02");
+    down(command(Command::StartSweep { at: TIME }), "02 2a00 03 c0ba8a3cd5620400");
+    down(command(Command::Place { target: POS }), "02 2a00 04 e8ee4100 7929edff 5d940400");
+    down(command(Command::Hold), "02 2a00 05");
+    down(command(Command::ReturnHome), "02 2a00 06");
+}
+
+#[test]
+fn lane_piece() {
+    let waypoints_mm = [[-1, 1], [10_000_000, -10_000_000]].into_iter().collect();
+    down(
+        Down::LanePiece(LanePiece { mission: MissionId(77), first: 16, waypoints_mm }),
+        "03 4d00 1000 02 ffffffff 01000000 80969800 806967ff",
+    );
+}
+
+#[test]
+fn srs_request() {
+    let entry = |user, drone| SrsRequestEntry { user: UserId(user), serving: DroneId(drone) };
+    let request = SrsRequest {
+        start: TIME,
+        spacing: TimePs::from_ms(1),
+        first_occasion: OccasionId(1000),
+        entries: [entry(9, 3), entry(10, 4)].into_iter().collect(),
+    };
+    down(
+        Down::SrsRequest(request),
+        "04 c0ba8a3cd5620400 00ca9a3b00000000 e8030000 02 09000000 0300 0a000000 0400",
+    );
+}
+
+#[test]
+fn peers_of_a_fleet() {
+    let capture = CaptureEntry { occasion: OccasionId(1000), toa: TIME, pos: POS };
+    peer(
+        Peer::Captures([capture].into_iter().collect()),
+        "00 01 e8030000 c0ba8a3cd5620400 e8ee4100 7929edff 5d940400",
+    );
+    let phase =
+        Peer::SweepPhase { time: TIME, phase_um: -60_000_000_001, rate_mmps: 10_000, track_error_mm: 1_500 };
+    peer(phase, "01 c0ba8a3cd5620400 ffa7b807f2ffffff 1027 dc050000");
+}
