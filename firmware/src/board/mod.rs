@@ -1,0 +1,5 @@
+//! What the boards' shells share. A shell owns the drivers and the clock of one board and calls the
+//! flight code, which has neither; what can be decided without hardware is decided here, where the
+//! host can test it. The shells themselves are the images under `bin/`.
+
+pub mod cadence;
