@@ -73,7 +73,7 @@ async fn guidance(mut watchdog: IndependentWatchdog<'static, IWDG>) {
         // The flight agent's step goes here: inputs gathered by the drivers' tasks in, outputs to them.
         cadence.finished(begun.as_micros(), Instant::now().as_micros());
         watchdog.pet();
-        if cadence.punctuality().steps % STEPS_PER_REPORT == 0 {
+        if cadence.punctuality().steps.is_multiple_of(STEPS_PER_REPORT) {
             defmt::info!("{}", cadence.punctuality());
         }
     }

@@ -67,7 +67,8 @@ impl Cadence {
         let record = &mut self.punctuality;
         record.steps = record.steps.saturating_add(1);
         record.dropped_slots = record.dropped_slots.saturating_add(saturating_u32(slots - 1));
-        record.worst_delay_us = record.worst_delay_us.max(saturating_u32(begun_us.saturating_sub(self.due_us)));
+        record.worst_delay_us =
+            record.worst_delay_us.max(saturating_u32(begun_us.saturating_sub(self.due_us)));
         record.worst_step_us = record.worst_step_us.max(saturating_u32(ended_us.saturating_sub(begun_us)));
         self.due_us = self.due_us.saturating_add(slots.saturating_mul(period_us));
     }
