@@ -2,8 +2,11 @@
 //! evaluation boards of this chip, running at its full 168 MHz.
 //!
 //! The image is a shell: it owns the drivers and the clock, steps the flight code on the 50 Hz grid and
-//! logs over RTT. Whatever goes wrong ends in a reset: a panic asks for one, a hang or a fault is met by
-//! the watchdog. Built by every check, but not yet flown: no hardware has run it so far.
+//! logs over RTT. Whatever goes wrong in flight ends in a reset: a panic asks for one, a hang or a fault
+//! is met by the watchdog, which runs from the first step on. Before it, a crystal that does not start
+//! keeps the board where it is: on the ground.
+//!
+//! Built and linted by every check, but not yet flown: no hardware has run it so far.
 #![no_std]
 #![no_main]
 
@@ -19,7 +22,7 @@ use embassy_time::{Instant, Timer};
 use skyroost_firmware::board::cadence::Cadence;
 
 /// The watchdog resets the board when no step has ended for this long: ten slots at the nominal 32 kHz
-/// of its oscillator, and between 7 and 19 within that oscillator's tolerance (17 to 47 kHz, DS8626).
+/// of its own oscillator, 136 to 376 ms over that oscillator's range (17 to 47 kHz, data sheet DS8626).
 const WATCHDOG_US: u32 = 200_000;
 
 /// Steps between two reports of the loop's punctuality: ten seconds.
