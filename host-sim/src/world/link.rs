@@ -1,0 +1,536 @@
+//! One direction of a radio link: frames go in, and come out later, twice, damaged, or never.
+//!
+//! A frame's fate depends on nothing but the seed and its number: every frame takes the same draws from
+//! one stream, whatever the probabilities are, so raising the loss leaves the delays of the surviving frames as
+//! they were. Frames wait in a slab of fixed-size slots under a heap of due times; both grow to the
+//! most that was ever in flight and then never allocate again.
+
+use crate::rng::{self, Stream};
+use crate::world::{ConfigError, Range, require};
+use rand_chacha::ChaCha8Rng;
+use rand_core::Rng;
+use serde::{Deserialize, Serialize};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Parameters of one direction.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LinkConfig {
+    /// Least time from sending to delivery; a runner may look this far ahead.
+    pub min_delay_us: u64,
+    /// Extra delay, uniform from 0 to this.
+    pub jitter_us: u64,
+    /// Probability that a frame is lost.
+    pub loss: f64,
+    /// Probability that a frame arrives twice, each copy with its own jitter.
+    pub duplication: f64,
+    /// Probability that a frame is held up further.
+    pub reordering: f64,
+    /// How long then, uniform from 0 to this.
+    pub reordering_delay_us: u64,
+    /// Probability that one to three bits of a frame are flipped.
+    pub corruption: f64,
+    /// Most frames in flight; further ones are dropped.
+    pub capacity: usize,
+}
+
+impl Default for LinkConfig {
+    fn default() -> Self {
+        Self {
+            min_delay_us: 80_000,
+            jitter_us: 40_000,
+            loss: 0.0,
+            duplication: 0.0,
+            reordering: 0.0,
+            reordering_delay_us: 200_000,
+            corruption: 0.0,
+            capacity: 4096,
+        }
+    }
+}
+
+impl LinkConfig {
+    /// Refuses parameters out of range.
+    ///
+    /// # Errors
+    /// The first such parameter.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        // An hour of delay is a mistake in the unit, and keeps sums of times far from overflow.
+        const MAX_DELAY_US: u64 = 3_600_000_000;
+        for (field, delay_us) in [
+            ("min_delay_us", self.min_delay_us),
+            ("jitter_us", self.jitter_us),
+            ("reordering_delay_us", self.reordering_delay_us),
+        ] {
+            if delay_us > MAX_DELAY_US {
+                return Err(ConfigError { field, found: delay_us as f64, expected: "at most an hour" });
+            }
+        }
+        if u32::try_from(self.capacity).is_err() || self.capacity == 0 {
+            let found = self.capacity as f64;
+            return Err(ConfigError { field: "capacity", found, expected: "from 1 to 2^32 - 1 frames" });
+        }
+        require("loss", self.loss, Range::Probability)?;
+        require("duplication", self.duplication, Range::Probability)?;
+        require("reordering", self.reordering, Range::Probability)?;
+        require("corruption", self.corruption, Range::Probability)
+    }
+}
+
+/// What has happened on a link so far. At all times
+/// `sent + duplicated = lost + dropped_overflow + delivered + in flight`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LinkCounters {
+    /// Frames given to the link.
+    pub sent: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Frames lost by chance.
+    pub lost: u64,
+    /// Second copies made.
+    pub duplicated: u64,
+    /// Deliveries after a frame that was sent later, whether by jitter or by reordering.
+    pub reordered: u64,
+    /// Frames with flipped bits put on their way.
+    pub corrupted: u64,
+    /// Deliveries, copies included.
+    pub delivered: u64,
+    /// Frames and copies dropped because the link was full.
+    pub dropped_overflow: u64,
+}
+
+impl LinkCounters {
+    /// Adds another link's counts.
+    pub fn add(&mut self, other: &Self) {
+        self.sent += other.sent;
+        self.bytes += other.bytes;
+        self.lost += other.lost;
+        self.duplicated += other.duplicated;
+        self.reordered += other.reordered;
+        self.corrupted += other.corrupted;
+        self.delivered += other.delivered;
+        self.dropped_overflow += other.dropped_overflow;
+    }
+}
+
+/// A waiting frame; ordered by due time, then by number, so that ties leave in the order sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Waiting {
+    due_us: u64,
+    number: u64,
+    slot: u32,
+}
+
+/// Room for one frame.
+#[derive(Clone, Debug)]
+struct Slot<const N: usize> {
+    length: usize,
+    bytes: [u8; N],
+}
+
+/// One direction of a link for frames of up to `N` bytes.
+#[derive(Clone, Debug)]
+pub struct Link<const N: usize> {
+    config: LinkConfig,
+    waiting: BinaryHeap<Reverse<Waiting>>,
+    slots: Vec<Slot<N>>,
+    free: Vec<u32>,
+    /// One frame's draws after the other: see [`Fate`].
+    fates: ChaCha8Rng,
+    /// Which bits are flipped: the only draws whose number varies.
+    flips: ChaCha8Rng,
+    /// One more than the number of the latest frame, in sending order, that was delivered.
+    delivered_up_to: u64,
+    counters: LinkCounters,
+}
+
+/// The chance in one frame's life, always drawn whole.
+struct Fate {
+    jitter: u32,
+    copy_jitter: u32,
+    held_up: u32,
+    loss: u32,
+    duplication: u32,
+    reordering: u32,
+    corruption: u32,
+}
+
+impl Fate {
+    fn draw(rng: &mut ChaCha8Rng) -> Self {
+        Self {
+            jitter: rng.next_u32(),
+            copy_jitter: rng.next_u32(),
+            held_up: rng.next_u32(),
+            loss: rng.next_u32(),
+            duplication: rng.next_u32(),
+            reordering: rng.next_u32(),
+            corruption: rng.next_u32(),
+        }
+    }
+}
+
+/// Whether a draw falls below a probability: never at 0, always at 1.
+fn hits(draw: u32, probability: f64) -> bool {
+    f64::from(draw) < probability * (1_u64 << 32) as f64
+}
+
+/// A draw scaled to 0..=`most`.
+fn scaled(draw: u32, most: u64) -> u64 {
+    // Delays are at most an hour in microseconds (32 bits), so the product fits.
+    (u64::from(draw) * (most + 1)) >> 32
+}
+
+impl<const N: usize> Link<N> {
+    /// A link of the given direction (`Stream::LinkUp`, `LinkDown` or `LinkPeer`) and index.
+    ///
+    /// # Panics
+    /// On a config that [`LinkConfig::check`] refuses.
+    #[must_use]
+    pub fn new(config: LinkConfig, seed: u64, direction: Stream, index: u64) -> Self {
+        assert!(config.check().is_ok(), "link parameters are checked where they are read");
+        let fates = rng::stream(seed, direction, index);
+        let mut flips = fates.clone();
+        flips.set_stream(1);
+        Self {
+            config,
+            waiting: BinaryHeap::new(),
+            slots: Vec::new(),
+            free: Vec::new(),
+            fates,
+            flips,
+            delivered_up_to: 0,
+            counters: LinkCounters::default(),
+        }
+    }
+
+    /// Puts a frame on its way. Times may come in any order; due times count from each frame's own.
+    ///
+    /// # Panics
+    /// On a frame longer than `N`: the sender's buffers are of that size.
+    pub fn send(&mut self, now_us: u64, frame: &[u8]) {
+        assert!(frame.len() <= N, "a frame of {} bytes on a link for {N}", frame.len());
+        let number = self.counters.sent;
+        self.counters.sent += 1;
+        self.counters.bytes += frame.len() as u64;
+        let fate = Fate::draw(&mut self.fates);
+        let c = &self.config;
+        if hits(fate.loss, c.loss) {
+            self.counters.lost += 1;
+            return;
+        }
+        let held_up = hits(fate.reordering, c.reordering);
+        let is_doubled = hits(fate.duplication, c.duplication);
+        let is_corrupted = hits(fate.corruption, c.corruption);
+        let earliest_us = now_us + c.min_delay_us;
+        let due_us = earliest_us
+            + scaled(fate.jitter, c.jitter_us)
+            + if held_up { scaled(fate.held_up, c.reordering_delay_us) } else { 0 };
+        let copy_due_us = earliest_us + scaled(fate.copy_jitter, c.jitter_us);
+
+        if let Some(slot) = self.store(due_us, number, frame)
+            && is_corrupted
+        {
+            self.flip_bits(slot);
+        }
+        if is_doubled {
+            self.counters.duplicated += 1;
+            self.store(copy_due_us, number, frame);
+        }
+    }
+
+    /// The next frame that is due by `now_us`, oldest due time first. Call until there is none.
+    pub fn poll(&mut self, now_us: u64) -> Option<&[u8]> {
+        if self.next_due_us()? > now_us {
+            return None;
+        }
+        let Reverse(Waiting { number, slot, .. }) = self.waiting.pop()?;
+        self.free.push(slot);
+        self.counters.delivered += 1;
+        if number + 1 < self.delivered_up_to {
+            self.counters.reordered += 1;
+        }
+        self.delivered_up_to = self.delivered_up_to.max(number + 1);
+        let Slot { length, bytes } = &self.slots[slot as usize];
+        Some(&bytes[..*length])
+    }
+
+    /// When the next frame is due.
+    #[must_use]
+    pub fn next_due_us(&self) -> Option<u64> {
+        self.waiting.peek().map(|Reverse(next)| next.due_us)
+    }
+
+    /// Frames on their way.
+    #[must_use]
+    pub fn in_flight(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// What has happened so far.
+    #[must_use]
+    pub fn counters(&self) -> &LinkCounters {
+        &self.counters
+    }
+
+    /// The present parameters.
+    #[must_use]
+    pub fn config(&self) -> &LinkConfig {
+        &self.config
+    }
+
+    /// Changes the parameters for the frames sent from now on: how a fault campaign makes a link go
+    /// bad and well again.
+    ///
+    /// # Panics
+    /// On a config that [`LinkConfig::check`] refuses.
+    pub fn set_config(&mut self, config: LinkConfig) {
+        assert!(config.check().is_ok(), "link parameters are checked where they are read");
+        self.config = config;
+    }
+
+    /// Stores a frame until it is due, if there is room.
+    fn store(&mut self, due_us: u64, number: u64, frame: &[u8]) -> Option<u32> {
+        if self.waiting.len() >= self.config.capacity {
+            self.counters.dropped_overflow += 1;
+            return None;
+        }
+        let slot = self.free.pop().unwrap_or_else(|| {
+            self.slots.push(Slot { length: 0, bytes: [0; N] });
+            (self.slots.len() - 1) as u32 // fits: `capacity` does
+        });
+        let place = &mut self.slots[slot as usize];
+        place.length = frame.len();
+        place.bytes[..frame.len()].copy_from_slice(frame);
+        self.waiting.push(Reverse(Waiting { due_us, number, slot }));
+        Some(slot)
+    }
+
+    /// Flips one to three different bits of a stored frame; an empty frame has none.
+    fn flip_bits(&mut self, slot: u32) {
+        let Slot { length, bytes } = &mut self.slots[slot as usize];
+        let bits = (8 * *length) as u64;
+        if bits == 0 {
+            return;
+        }
+        self.counters.corrupted += 1;
+        let flips = 1 + scaled(self.flips.next_u32(), 2);
+        let first = scaled(self.flips.next_u32(), bits - 1);
+        // A burst of neighbouring bits, as noise on a demodulator makes it.
+        for bit in (first..bits).take(flips as usize) {
+            bytes[(bit / 8) as usize] ^= 1 << (bit % 8);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn link_with(config: LinkConfig) -> Link<32> {
+        Link::new(config, 1, Stream::LinkUp, 0)
+    }
+
+    /// Sends `n` numbered frames, one each 20 ms; returns (number, sent, delivered) in order of delivery.
+    fn run(link: &mut Link<32>, n: u64) -> Vec<(u64, u64, u64)> {
+        let mut deliveries = Vec::new();
+        for number in 0..n {
+            link.send(20_000 * number, &number.to_le_bytes());
+        }
+        while let Some(due_us) = link.next_due_us() {
+            let frame = link.poll(due_us).expect("due").try_into().expect("eight bytes");
+            let number = u64::from_le_bytes(frame);
+            deliveries.push((number, 20_000 * number, due_us));
+        }
+        deliveries
+    }
+
+    fn roomy() -> LinkConfig {
+        LinkConfig { capacity: 200_000, ..LinkConfig::default() }
+    }
+
+    #[test]
+    fn truth_delays_are_uniform_between_their_bounds() {
+        let delays_ms: Vec<f64> = run(&mut link_with(roomy()), 50_000)
+            .iter()
+            .map(|(_, sent, due)| (due - sent) as f64 * 1e-3)
+            .collect();
+        assert!(delays_ms.iter().all(|d| (80.0..=120.0).contains(d)));
+        let (mean, variance) = crate::world::moments(delays_ms.iter().copied());
+        assert!((mean - 100.0).abs() < 4.0 * 11.55 / 223.6, "{mean}");
+        assert!((variance / (1600.0 / 12.0) - 1.0).abs() < 0.02, "{variance}");
+    }
+
+    #[test]
+    fn truth_faults_come_at_their_rates() {
+        let mut link = link_with(LinkConfig { loss: 0.1, duplication: 0.05, reordering: 0.3, ..roomy() });
+        let deliveries = run(&mut link, 100_000);
+        let c = *link.counters();
+        let near = |found: u64, of: f64, p: f64| {
+            assert!((found as f64 - of * p).abs() < 4.0 * (of * p * (1.0 - p)).sqrt(), "{found} of {of}");
+        };
+        near(c.lost, 1e5, 0.1);
+        near(c.duplicated, 9e4, 0.05);
+        assert_eq!(c.delivered as usize, deliveries.len());
+        assert_eq!((c.sent, c.bytes, c.dropped_overflow), (100_000, 800_000, 0));
+        // Held up beyond the jitter: uniform(0, 40) + uniform(0, 200) > 40 with probability 0.9.
+        near(deliveries.iter().filter(|(_, sent, due)| due - sent > 120_000).count() as u64, 9e4, 0.27);
+
+        let mut noisy = link_with(LinkConfig { corruption: 0.02, ..roomy() });
+        (0..100_000).for_each(|i| noisy.send(i, &[0; 8]));
+        near(noisy.counters().corrupted, 1e5, 0.02);
+    }
+
+    #[test]
+    fn reordered_counts_deliveries_overtaken_by_later_frames() {
+        let mut link = link_with(LinkConfig { reordering: 0.2, duplication: 0.1, ..roomy() });
+        let mut latest = 0;
+        let mut overtaken = 0;
+        for (number, ..) in run(&mut link, 10_000) {
+            overtaken += u64::from(number < latest);
+            latest = latest.max(number);
+        }
+        assert!(overtaken > 1000);
+        assert_eq!(link.counters().reordered, overtaken);
+        let mut steady = link_with(LinkConfig { jitter_us: 0, ..roomy() });
+        let _ = run(&mut steady, 1000);
+        assert_eq!(steady.counters().reordered, 0);
+    }
+
+    #[test]
+    fn raising_the_loss_leaves_the_delays_of_the_others_alone() {
+        let all = run(&mut link_with(roomy()), 5000);
+        let some = run(&mut link_with(LinkConfig { loss: 0.5, duplication: 0.0, ..roomy() }), 5000);
+        assert!(some.len() < 2700 && some.iter().all(|delivery| all.contains(delivery)));
+    }
+
+    #[test]
+    fn corruption_flips_one_to_three_bits_of_one_copy() {
+        let mut link = link_with(LinkConfig { corruption: 1.0, duplication: 1.0, ..roomy() });
+        for i in 0..1000 {
+            link.send(i * 1_000_000, &[0; 32]);
+            let mut flipped = Vec::new();
+            while let Some(frame) = link.poll((i + 1) * 1_000_000) {
+                flipped.push(frame.iter().map(|b| b.count_ones()).sum::<u32>());
+            }
+            flipped.sort_unstable();
+            assert!(flipped[0] == 0 && (1..=3).contains(&flipped[1]) && flipped.len() == 2, "{flipped:?}");
+        }
+        link.send(0, &[]);
+        assert_eq!(link.counters().corrupted, 1000);
+    }
+
+    #[test]
+    fn a_full_link_drops_and_counts_and_never_grows() {
+        let mut link = link_with(LinkConfig { capacity: 10, ..LinkConfig::default() });
+        for round in 0..100 {
+            for _ in 0..15 {
+                link.send(round * 1_000_000, b"frame");
+            }
+            let mut delivered = 0;
+            while link.poll((round + 1) * 1_000_000).is_some() {
+                delivered += 1;
+            }
+            assert_eq!(delivered, 10);
+            assert_eq!(link.slots.len(), 10);
+        }
+        assert_eq!(link.counters().dropped_overflow, 500);
+    }
+
+    #[test]
+    fn steady_traffic_allocates_nothing_after_warm_up() {
+        let mut link = link_with(LinkConfig::default());
+        let mut room = (0, 0, 0);
+        for i in 0..50_000 {
+            link.send(i * 20_000, &[1; 20]);
+            while link.poll(i * 20_000).is_some() {}
+            let now = (link.slots.capacity(), link.waiting.capacity(), link.free.capacity());
+            if i == 1000 {
+                room = now;
+            }
+            assert!(i <= 1000 || now == room);
+        }
+    }
+
+    #[test]
+    fn equal_due_times_leave_in_the_order_sent() {
+        let mut link = link_with(LinkConfig { jitter_us: 0, ..LinkConfig::default() });
+        for byte in 0..100 {
+            link.send(5, &[byte]);
+        }
+        for byte in 0..100 {
+            assert_eq!(link.poll(80_005), Some(&[byte][..]));
+        }
+        assert_eq!(link.poll(u64::MAX), None);
+    }
+
+    #[test]
+    fn a_link_can_go_dark_and_come_back() {
+        let mut link = link_with(LinkConfig::default());
+        link.set_config(LinkConfig { loss: 1.0, ..LinkConfig::default() });
+        link.send(0, b"lost");
+        link.set_config(LinkConfig::default());
+        link.send(0, b"heard");
+        assert_eq!(link.poll(1_000_000), Some(&b"heard"[..]));
+        assert_eq!(link.counters().lost, 1);
+    }
+
+    #[test]
+    fn config_names_the_bad_parameter() {
+        let bad = LinkConfig { loss: 1.5, ..LinkConfig::default() };
+        assert_eq!(
+            bad.check().unwrap_err().to_string(),
+            "loss: found 1.5, expected a probability from 0 to 1"
+        );
+        assert_eq!(
+            LinkConfig { capacity: 0, ..LinkConfig::default() }.check().unwrap_err().field,
+            "capacity"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn never_early_never_unaccounted(
+            seed: u64,
+            min_delay_us in 0..200_000_u64,
+            jitter_us in 0..100_000_u64,
+            chances in [0.0..=1.0_f64, 0.0..=1.0, 0.0..=1.0],
+            capacity in 1..64_usize,
+            pauses_us in prop::collection::vec(0..50_000_u64, 1..200),
+        ) {
+            let [loss, duplication, reordering] = chances;
+            let config = LinkConfig {
+                min_delay_us, jitter_us, loss, duplication, reordering, capacity, ..LinkConfig::default()
+            };
+            let mut link = Link::<16>::new(config, seed, Stream::LinkPeer, 3);
+            let (mut now_us, mut sent_us) = (0, Vec::new());
+            for pause_us in pauses_us {
+                now_us += pause_us;
+                link.send(now_us, &sent_us.len().to_le_bytes());
+                sent_us.push(now_us);
+                // Deliver in full, each frame at its own due time.
+                while let Some(due_us) = link.next_due_us().filter(|due_us| *due_us <= now_us) {
+                    if due_us > 0 {
+                        prop_assert_eq!(link.poll(due_us - 1), None);
+                    }
+                    let frame = link.poll(due_us).expect("due").try_into().expect("eight bytes");
+                    prop_assert!(due_us >= sent_us[usize::from_le_bytes(frame)] + min_delay_us);
+                }
+                let c = link.counters();
+                prop_assert_eq!(
+                    c.sent + c.duplicated,
+                    c.lost + c.dropped_overflow + c.delivered + link.in_flight() as u64
+                );
+                prop_assert!(link.in_flight() <= capacity);
+            }
+        }
+
+        #[test]
+        fn equal_links_do_equal_things(seed: u64, n in 1..100_u64) {
+            let config = LinkConfig { loss: 0.2, duplication: 0.2, reordering: 0.2, corruption: 0.0, ..roomy() };
+            let fresh = || Link::<32>::new(config.clone(), seed, Stream::LinkDown, 9);
+            prop_assert_eq!(run(&mut fresh(), n), run(&mut fresh(), n));
+        }
+    }
+}
