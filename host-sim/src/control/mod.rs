@@ -4,4 +4,5 @@ pub mod area;
 pub mod assign;
 pub mod localize;
 pub mod place;
+pub mod relay;
 pub mod sweep;

@@ -1,0 +1,299 @@
+//! The one-disk problem (6): the centre within `radius_m` of the greatest weight of users, exactly.
+//!
+//! The users that a centre covers change only where it crosses one of their circles, so the deepest
+//! region is bounded by arcs of circles of users it covers, and a sweep along every circle finds it
+//! (Chazelle and Lee 1986). The sweep here runs along the few arcs inside a small node of the branch
+//! and bound of [`super::search`], which has thrown out everything else before.
+
+use std::f64::consts::TAU;
+
+use super::cells::Cells;
+use super::greedy::Step;
+use super::search::{self, Best, Bracket, Gain, Goal, Node, Tie, user_name};
+use super::{KeepOut, PlaceUser, Site, TOLERANCE_M, centre};
+use crate::geometry::V2;
+
+/// Radii are widened by this in the search, so that disks that just touch have an inside; the other
+/// half of the tolerance is left for rounding.
+const WIDENING_M: f64 = 0.5 * TOLERANCE_M;
+
+/// Nodes with at most this many open circles are swept, larger ones are split: measured optimum.
+const SWEPT_CIRCLES: usize = 6;
+
+/// Nodes this small compared with the longest radius are swept whatever they hold.
+const SMALLEST_NODE: f64 = 1.0 / 2048.0;
+
+/// A centre for one drone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disk {
+    /// Where the drone hovers.
+    pub pos_m: V2,
+    /// Users within their radius of it, ascending.
+    pub covered: Vec<usize>,
+    /// Their total weight: the greatest of any centre.
+    pub weight: f64,
+    /// Least `radius - distance` over `covered`: the greatest among the centres that cover them.
+    pub margin_m: f64,
+}
+
+/// The best disk over `users`, or `None` where no user with a weight can be covered.
+///
+/// Of equal weights the larger margin is taken, then the smaller east, then the smaller north
+/// coordinate (margins and coordinates within 1 um are equal).
+///
+/// # Example
+/// ```
+/// use skyroost_host_sim::control::place::{PlaceUser, disk::best_disk};
+/// use skyroost_host_sim::geometry::V2;
+/// let user = |x, y| PlaceUser { pos_m: V2::new(x, y), radius_m: 500.0, weight: 1.0 };
+/// let disk = best_disk(&[user(0.0, 0.0), user(1000.0, 0.0), user(0.0, 5000.0)]).unwrap();
+/// assert_eq!(disk.covered, [0, 1]); // closed disks: 2 R apart is close enough
+/// ```
+#[must_use]
+pub fn best_disk(users: &[PlaceUser]) -> Option<Disk> {
+    Counting::new(users)?.best_disk(&KeepOut::default())
+}
+
+/// The one-disk problem over users that are struck off as they are served.
+#[derive(Debug)]
+pub(crate) struct Counting<'a> {
+    cells: Cells,
+    users: &'a [PlaceUser],
+    circles: Circles,
+}
+
+/// What the search sees of the users.
+#[derive(Debug)]
+struct Circles {
+    positions_m: Vec<V2>,
+    /// Widened radius; negative where the user cannot be covered.
+    radii_m: Vec<f64>,
+    /// Zero once served.
+    weights: Vec<f64>,
+    smallest_half_m: f64,
+}
+
+impl<'a> Counting<'a> {
+    /// `None` where no user can be covered.
+    pub(crate) fn new(users: &'a [PlaceUser]) -> Option<Self> {
+        let coverable = |u: &&PlaceUser| u.radius_m >= 0.0 && u.weight > 0.0;
+        let longest_m = users.iter().filter(coverable).map(|u| u.radius_m).reduce(f64::max)? + WIDENING_M;
+        let positions_m: Vec<V2> = users.iter().map(|u| u.pos_m).collect();
+        let mut cells = Cells::new(&positions_m, longest_m);
+        let mut circles = Circles {
+            positions_m,
+            radii_m: users.iter().map(|u| u.radius_m + WIDENING_M).collect(),
+            weights: vec![0.0; users.len()],
+            smallest_half_m: longest_m * SMALLEST_NODE,
+        };
+        for (user, u) in users.iter().enumerate().filter(|(_, u)| coverable(u)) {
+            circles.weights[user] = u.weight;
+            cells.add_weight(user, u.weight);
+        }
+        Some(Self { cells, users, circles })
+    }
+
+    /// The best disk over the users left.
+    fn best_disk(&self, keep_out: &KeepOut) -> Option<Disk> {
+        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: true };
+        let found = search::search(&self.cells, &self.circles, keep_out, goal);
+        let mut best: Option<Disk> = None;
+        for tie in found.ties.values() {
+            let Some(disk) = self.centred(tie, found.value, keep_out) else { continue };
+            if best.as_ref().is_none_or(|b| preferred(&disk, b)) {
+                best = Some(disk);
+            }
+        }
+        best
+    }
+
+    /// The users of a tie, seen from their best centre; `None` where no centre has them all.
+    fn centred(&self, tie: &Tie, weight: f64, keep_out: &KeepOut) -> Option<Disk> {
+        let Circles { positions_m, radii_m, weights, .. } = &self.circles;
+        let mut covered: Vec<usize> = self
+            .cells
+            .within_reach(self.cells.square_of(tie.at))
+            .map(|user| user as usize)
+            .filter(|&u| weights[u] > 0.0 && (positions_m[u] - tie.at).norm() <= radii_m[u] + tie.rho_m)
+            .collect();
+        covered.sort_unstable();
+        let disks: Vec<(V2, f64)> =
+            covered.iter().map(|&u| (self.users[u].pos_m, self.users[u].radius_m)).collect();
+        // A tie of radius 0 is a centre that has them all already: the way out if centring fails.
+        let witness = (tie.rho_m <= 0.0).then_some(tie.at);
+        let (pos_m, margin_m) = centre::most_margin(&disks, keep_out, witness)?;
+        (margin_m >= -TOLERANCE_M).then_some(Disk { pos_m, covered, weight, margin_m })
+    }
+}
+
+impl Step for Counting<'_> {
+    fn best(&self, keep_out: &KeepOut) -> Option<(Site, f64)> {
+        let Disk { pos_m, covered, weight, margin_m } = self.best_disk(keep_out)?;
+        Some((Site { pos_m, covered, margin_m, expected: weight }, weight))
+    }
+
+    fn ceiling(&self, at_least: f64) -> f64 {
+        let goal = Goal { above: at_least, gap: 0.0, collect_ties: false };
+        search::search(&self.cells, &self.circles, &KeepOut::default(), goal).value
+    }
+
+    fn serve(&mut self, site: &Site) {
+        for &user in &site.covered {
+            self.cells.add_weight(user, -self.circles.weights[user]);
+            self.circles.weights[user] = 0.0;
+        }
+    }
+}
+
+/// The stated rule between two disks of equal weight.
+fn preferred(a: &Disk, b: &Disk) -> bool {
+    let keys = [(b.margin_m, a.margin_m), (a.pos_m.x, b.pos_m.x), (a.pos_m.y, b.pos_m.y)];
+    keys.iter().find(|(small, large)| (small - large).abs() > TOLERANCE_M).is_some_and(|(s, l)| s < l)
+}
+
+impl Gain for Circles {
+    fn bracket(&self, user: u32, at: V2, rho_m: f64) -> Bracket {
+        let user = user as usize;
+        let (weight, radius_m) = (self.weights[user], self.radii_m[user]);
+        let distance_m = (self.positions_m[user] - at).norm();
+        let gained = |within: bool| if within { weight } else { 0.0 };
+        Bracket {
+            least: gained(distance_m + rho_m <= radius_m),
+            at_middle: gained(distance_m <= radius_m),
+            greatest: gained(distance_m <= radius_m + rho_m),
+        }
+    }
+
+    fn settle(&self, node: &Node, keep_out: &KeepOut, best: &mut Best) -> Option<f64> {
+        if node.open.len() > SWEPT_CIRCLES && node.half_m > self.smallest_half_m {
+            return None;
+        }
+        let (at, rho_m) = (node.at, node.rho_m());
+        let shores: Vec<V2> = keep_out.near(at, rho_m).collect();
+        let mut sweep = Sweep { circles: self, node, shores: &shores, shore_m: keep_out.shore_m(), events: vec![] };
+        for &user in &node.open {
+            let user = user as usize;
+            sweep.along(self.positions_m[user], self.radii_m[user], best);
+        }
+        for &shore in &shores {
+            sweep.along(shore, keep_out.shore_m(), best);
+        }
+        Some(f64::NEG_INFINITY)
+    }
+}
+
+/// What happens at an angle of a sweep, in the order in which it happens where angles are equal:
+/// disks are closed, exclusions open.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Event {
+    angle_rad: f64,
+    /// Change of the number of exclusion disks entered.
+    barred: i32,
+    weight: f64,
+    name: u64,
+}
+
+/// Sweeps along circles inside one node.
+struct Sweep<'a> {
+    circles: &'a Circles,
+    node: &'a Node,
+    shores: &'a [V2],
+    shore_m: f64,
+    events: Vec<Event>,
+}
+
+impl Sweep<'_> {
+    /// Offers the deepest points of the circle (`hub`, `radius_m`) within the node.
+    fn along(&mut self, hub: V2, radius_m: f64, best: &mut Best) {
+        let Some(inside) = Arc::of(hub, radius_m, self.node.at, self.node.rho_m()) else { return };
+        let (start_rad, length_rad) = (inside.middle_rad - inside.half_rad, 2.0 * inside.half_rad);
+        self.events.clear();
+        let events = &mut self.events;
+        let mut mark = |arc: Arc, weight: f64, barred: i32, name: u64| {
+            if arc.is_whole() {
+                events.push(Event { angle_rad: 0.0, barred, weight, name });
+                return;
+            }
+            let enters = (arc.middle_rad - arc.half_rad - start_rad).rem_euclid(TAU);
+            let leaves = enters + 2.0 * arc.half_rad;
+            // Angles run over [0, length]; an arc may also come round again from below 0.
+            for (from, to) in [(enters, leaves), (enters - TAU, leaves - TAU)] {
+                if from <= length_rad && to >= 0.0 {
+                    events.push(Event { angle_rad: from.max(0.0), barred, weight, name });
+                    if to < length_rad {
+                        let name = name.wrapping_neg();
+                        events.push(Event { angle_rad: to, barred: -barred, weight: -weight, name });
+                    }
+                }
+            }
+        };
+        for &user in &self.node.open {
+            let u = user as usize;
+            if let Some(arc) = Arc::of(hub, radius_m, self.circles.positions_m[u], self.circles.radii_m[u]) {
+                mark(arc, self.circles.weights[u], 0, user_name(user));
+            }
+        }
+        for &shore in self.shores.iter().filter(|&&s| s != hub) {
+            // The other shores bar a little less than their circle, so that their crossings stay open.
+            let barred_m = self.shore_m - 0.5 * KeepOut::CLEARANCE_M;
+            if let Some(arc) = Arc::of(hub, radius_m, shore, barred_m) {
+                mark(arc, 0.0, 1, 0);
+            }
+        }
+        // Before a sum is read, everything that raises it at that angle has happened.
+        self.events.sort_unstable_by(|a, b| {
+            let rank = |e: &Event| e.weight < 0.0 || e.barred > 0;
+            a.angle_rad.total_cmp(&b.angle_rad).then(rank(a).cmp(&rank(b))).then(a.name.cmp(&b.name))
+        });
+        let (mut depth, mut barred, mut name) = (self.node.certain, 0, self.node.certain_name);
+        let mut offer = |depth: f64, name: u64, from: f64, to: f64| {
+            let angle_rad = start_rad + 0.5 * (from + to);
+            best.offer(depth, name, hub + V2::new(angle_rad.cos(), angle_rad.sin()) * radius_m);
+        };
+        let first_rad = self.events.first().map_or(length_rad, |e| e.angle_rad);
+        if first_rad > 0.0 && depth > 0.0 {
+            offer(depth, name, 0.0, first_rad);
+        }
+        for (i, event) in self.events.iter().enumerate() {
+            depth += event.weight;
+            barred += event.barred;
+            name = name.wrapping_add(event.name);
+            let next = self.events.get(i + 1);
+            let raises_next = next.is_some_and(|n| n.angle_rad <= event.angle_rad && n.weight >= 0.0 && n.barred <= 0);
+            if barred == 0 && !raises_next && depth > 0.0 {
+                offer(depth, name, event.angle_rad, next.map_or(length_rad, |n| n.angle_rad));
+            }
+        }
+    }
+}
+
+/// An arc of a circle: all angles within `half_rad` of `middle_rad`.
+#[derive(Clone, Copy, Debug)]
+struct Arc {
+    middle_rad: f64,
+    half_rad: f64,
+}
+
+impl Arc {
+    /// Up to rounding of its ends.
+    fn is_whole(self) -> bool {
+        self.half_rad >= 0.5 * TAU - 1e-12
+    }
+
+    /// The part of the circle (`hub`, `radius_m`) inside the closed disk (`at`, `reach_m`).
+    fn of(hub: V2, radius_m: f64, at: V2, reach_m: f64) -> Option<Self> {
+        let towards = at - hub;
+        let distance_m = towards.norm();
+        if reach_m < 0.0 || distance_m > radius_m + reach_m || distance_m < radius_m - reach_m {
+            return None;
+        }
+        let middle_rad = towards.y.atan2(towards.x);
+        if distance_m <= reach_m - radius_m {
+            return Some(Self { middle_rad, half_rad: 0.5 * TAU });
+        }
+        // Law of cosines in the triangle hub, disk centre, crossing.
+        let cosine =
+            (radius_m * radius_m + distance_m * distance_m - reach_m * reach_m) / (2.0 * radius_m * distance_m);
+        Some(Self { middle_rad, half_rad: cosine.clamp(-1.0, 1.0).acos() })
+    }
+}

@@ -1,0 +1,300 @@
+//! Expected service: how many users are truly within range, given how well their positions are known.
+//!
+//! The distance of a user from a centre is taken as normal with the variance of its position along the
+//! line to the centre: `P = Phi((R - d) / sigma_radial)`. The curvature of the circle shifts the mean
+//! by `sigma_tangential^2 / 2d`, 2 cm at 4 m and 500 m; the formula holds while sigma is well below R
+//! (R >= 10 sigma: within 0.02).
+//!
+//! A step maximises the sum of these probabilities over the plane by the same branch and bound as the
+//! counting objective, to a stated gap. Later drones see each user with the probability that nobody
+//! serves it yet, `prod (1 - P)`: the events are taken as independent, although they share one position
+//! error. After the greedy steps each drone in turn is placed again with the others held, as long as
+//! the expected number grows: Algorithm 2 alone never reconsiders.
+
+use nalgebra::Matrix2;
+
+use super::cells::Cells;
+use super::greedy::Step;
+use super::search::{self, Best, Bracket, Gain, Goal, Node};
+use super::{Fleet, KeepOut, Placement, Site};
+use crate::geometry::V2;
+
+/// A step of the expected objective is within this many expected users of its maximum, or within
+/// what its smallest nodes leave open (which the upper bound accounts for).
+pub const GAP_USERS: f64 = 0.01;
+
+/// Half side of the squares of centres that are not split further; the best is then climbed from.
+const SMALLEST_HALF_M: f64 = 0.25;
+
+/// Beyond this many sigma a user is in or out for certain (3e-7 are ignored).
+const CERTAIN_SIGMA: f64 = 5.0;
+
+/// A drone that adds fewer expected users than this stays at stand-by.
+const LEAST_GAIN_USERS: f64 = 1e-3;
+
+/// Rounds of placing each drone again; most end after two or three.
+const MOST_ROUNDS: usize = 8;
+
+/// A located user with the uncertainty of its position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UserBelief {
+    /// Estimated position.
+    pub pos_m: V2,
+    /// Covariance of the estimate.
+    pub cov_m2: Matrix2<f64>,
+}
+
+impl UserBelief {
+    /// Whether the covariance is one: finite, symmetric, positive semidefinite (up to rounding).
+    pub(super) fn has_covariance(&self) -> bool {
+        let c = &self.cov_m2;
+        let scale = c.norm();
+        scale.is_finite()
+            && (c.m12 - c.m21).abs() <= 1e-9 * scale
+            && c.m11 >= 0.0
+            && c.m22 >= 0.0
+            && c.determinant() >= -1e-9 * scale * scale
+    }
+
+    /// Probability that the user is truly within `radius_m` of `centre_m`.
+    #[must_use]
+    pub fn within(&self, centre_m: V2, radius_m: f64) -> f64 {
+        Spread::new(&self.cov_m2).within(self.pos_m - centre_m, radius_m)
+    }
+}
+
+/// Expected number of `users` truly within `radius_m` of `centre_m`, by the radial approximation of this module.
+#[must_use]
+pub fn expected_served(centre_m: V2, users: &[UserBelief], radius_m: f64) -> f64 {
+    users.iter().map(|u| u.within(centre_m, radius_m)).sum()
+}
+
+/// Standard normal distribution function.
+fn normal_cdf(z: f64) -> f64 {
+    0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2)
+}
+
+/// A covariance, and the range of the standard deviations by direction.
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    cov_m2: Matrix2<f64>,
+    least_var_m2: f64,
+    most_var_m2: f64,
+}
+
+impl Spread {
+    fn new(cov_m2: &Matrix2<f64>) -> Self {
+        let mean = 0.5 * (cov_m2.m11 + cov_m2.m22);
+        let half_spread = (0.5 * (cov_m2.m11 - cov_m2.m22)).hypot(cov_m2.m12);
+        Self { cov_m2: *cov_m2, least_var_m2: (mean - half_spread).max(0.0), most_var_m2: mean + half_spread }
+    }
+
+    /// Variance along `offset_m`; the greatest one where that has no direction.
+    fn radial_var_m2(&self, offset_m: V2) -> f64 {
+        let squared = offset_m.norm_squared();
+        if squared > 0.0 { (offset_m.dot(&(self.cov_m2 * offset_m)) / squared).max(0.0) } else { self.most_var_m2 }
+    }
+
+    fn within(&self, offset_m: V2, radius_m: f64) -> f64 {
+        chance(radius_m - offset_m.norm(), self.radial_var_m2(offset_m))
+    }
+}
+
+/// Probability that a normal error of this variance stays below `room_m`; closed where there is none.
+fn chance(room_m: f64, var_m2: f64) -> f64 {
+    let sigma_m = var_m2.sqrt();
+    if room_m.abs() >= CERTAIN_SIGMA * sigma_m {
+        return if room_m >= 0.0 { 1.0 } else { 0.0 };
+    }
+    normal_cdf(room_m / sigma_m)
+}
+
+/// The one-drone problem over users with a probability of being unserved.
+#[derive(Debug)]
+pub(super) struct Chances {
+    cells: Cells,
+    crowd: Crowd,
+    /// Users in the `covered` list of an earlier site.
+    counted: Vec<bool>,
+}
+
+/// What the search sees of the users.
+#[derive(Debug)]
+struct Crowd {
+    positions_m: Vec<V2>,
+    spreads: Vec<Spread>,
+    /// Probability that nobody serves the user yet.
+    unserved: Vec<f64>,
+    radius_m: f64,
+}
+
+impl Chances {
+    /// `None` without users.
+    pub(super) fn new(users: &[UserBelief], radius_m: f64) -> Option<Self> {
+        let positions_m: Vec<V2> = users.iter().map(|u| u.pos_m).collect();
+        let spreads: Vec<Spread> = users.iter().map(|u| Spread::new(&u.cov_m2)).collect();
+        let longest_sigma_m = spreads.iter().map(|s| s.most_var_m2.sqrt()).reduce(f64::max)?;
+        let reach_m = radius_m + CERTAIN_SIGMA * longest_sigma_m + super::TOLERANCE_M;
+        let mut cells = Cells::new(&positions_m, reach_m);
+        (0..users.len()).for_each(|user| cells.add_weight(user, 1.0));
+        let crowd = Crowd { positions_m, spreads, unserved: vec![1.0; users.len()], radius_m };
+        Some(Self { cells, crowd, counted: vec![false; users.len()] })
+    }
+
+    fn set_unserved(&mut self, user: usize, probability: f64) {
+        self.cells.add_weight(user, probability - self.crowd.unserved[user]);
+        self.crowd.unserved[user] = probability;
+    }
+
+    /// Places each drone again with the others held, until no drone gains by it.
+    pub(super) fn improved(mut self, mut placement: Placement, fleet: Fleet) -> Placement {
+        let mut centres: Vec<Option<V2>> =
+            placement.sites.iter().map(|s| s.as_ref().map(|site| site.pos_m)).collect();
+        for _ in 0..MOST_ROUNDS {
+            let mut moved = false;
+            for drone in 0..fleet.drones {
+                let others: Vec<V2> =
+                    centres.iter().enumerate().filter(|&(j, _)| j != drone).filter_map(|(_, &c)| c).collect();
+                self.restart(&others);
+                let before = centres[drone].map_or(0.0, |at| self.crowd.value(at));
+                let mut keep_out = KeepOut::new(fleet.min_separation_m);
+                others.iter().for_each(|&c| keep_out.push(c));
+                let goal = Goal { above: before + LEAST_GAIN_USERS, gap: GAP_USERS, collect_ties: false };
+                let found = search::search(&self.cells, &self.crowd, &keep_out, goal);
+                if let Some(at) = found.at {
+                    centres[drone] = Some(self.climbed(at, &keep_out));
+                    moved = true;
+                }
+            }
+            if !moved {
+                break;
+            }
+        }
+        self.report(&centres, &mut placement);
+        placement
+    }
+
+    /// Weights as left by drones at `others`.
+    fn restart(&mut self, others: &[V2]) {
+        for user in 0..self.crowd.positions_m.len() {
+            let left = others.iter().map(|&c| 1.0 - self.crowd.within(user, c)).product();
+            if left != self.crowd.unserved[user] {
+                self.set_unserved(user, left);
+            }
+        }
+    }
+
+    /// Describes the sites anew, in order.
+    fn report(&mut self, centres: &[Option<V2>], placement: &mut Placement) {
+        self.restart(&[]);
+        self.counted.fill(false);
+        (placement.value, placement.covered) = (0.0, 0);
+        for (slot, centre) in placement.sites.iter_mut().zip(centres) {
+            *slot = centre.map(|at| self.site(at));
+            if let Some(site) = slot {
+                self.serve(site);
+                placement.value += site.expected;
+                placement.covered += site.covered.len();
+            }
+        }
+        placement.proved_optimal = placement.value >= placement.upper_bound - GAP_USERS;
+    }
+
+    fn site(&self, at: V2) -> Site {
+        let crowd = &self.crowd;
+        let room_m = |user: usize| crowd.radius_m - (crowd.positions_m[user] - at).norm();
+        let covered: Vec<usize> =
+            (0..self.counted.len()).filter(|&user| !self.counted[user] && room_m(user) >= 0.0).collect();
+        let margin_m = covered.iter().map(|&user| room_m(user)).fold(f64::INFINITY, f64::min);
+        Site { pos_m: at, covered, margin_m, expected: crowd.value(at) }
+    }
+
+    /// Compass search uphill from `at`, down to a millimetre.
+    fn climbed(&self, at: V2, keep_out: &KeepOut) -> V2 {
+        let (mut at, mut value) = (at, self.crowd.value(at));
+        let mut step_m = 4.0 * SMALLEST_HALF_M;
+        while step_m > 1e-3 {
+            let ways = [V2::x(), V2::y(), -V2::x(), -V2::y()].map(|way| at + way * step_m);
+            let better = ways.into_iter().filter(|&to| keep_out.allows(to)).map(|to| (self.crowd.value(to), to));
+            match better.reduce(|a, b| if b.0 > a.0 { b } else { a }) {
+                Some((higher, to)) if higher > value + 1e-12 => (at, value) = (to, higher),
+                _ => step_m *= 0.5,
+            }
+        }
+        at
+    }
+}
+
+impl Step for Chances {
+    fn best(&self, keep_out: &KeepOut) -> Option<(Site, f64)> {
+        let goal = Goal { above: LEAST_GAIN_USERS, gap: GAP_USERS, collect_ties: false };
+        let found = search::search(&self.cells, &self.crowd, keep_out, goal);
+        let site = self.site(self.climbed(found.at?, keep_out));
+        let ceiling = found.ceiling.max(site.expected);
+        Some((site, ceiling))
+    }
+
+    fn ceiling(&self, at_least: f64) -> f64 {
+        let goal = Goal { above: at_least.max(LEAST_GAIN_USERS), gap: GAP_USERS, collect_ties: false };
+        search::search(&self.cells, &self.crowd, &KeepOut::default(), goal).ceiling
+    }
+
+    fn serve(&mut self, site: &Site) {
+        for user in 0..self.counted.len() {
+            let within = self.crowd.within(user, site.pos_m);
+            if within > 0.0 {
+                self.set_unserved(user, self.crowd.unserved[user] * (1.0 - within));
+            }
+        }
+        site.covered.iter().for_each(|&user| self.counted[user] = true);
+    }
+}
+
+impl Crowd {
+    fn within(&self, user: usize, centre_m: V2) -> f64 {
+        self.spreads[user].within(self.positions_m[user] - centre_m, self.radius_m)
+    }
+
+    fn value(&self, centre_m: V2) -> f64 {
+        (0..self.positions_m.len()).map(|user| self.unserved[user] * self.within(user, centre_m)).sum()
+    }
+}
+
+impl Gain for Crowd {
+    fn bracket(&self, user: u32, at: V2, rho_m: f64) -> Bracket {
+        let user = user as usize;
+        let (weight, spread) = (self.unserved[user], &self.spreads[user]);
+        let offset_m = self.positions_m[user] - at;
+        let distance_m = offset_m.norm();
+        let room_m = self.radius_m - distance_m;
+        let certain_m = rho_m + CERTAIN_SIGMA * spread.most_var_m2.sqrt();
+        if room_m.abs() >= certain_m {
+            let all = if room_m >= 0.0 { weight } else { 0.0 };
+            return Bracket { least: all, at_middle: all, greatest: all };
+        }
+        let radial = spread.radial_var_m2(offset_m);
+        // Seen from the node, the direction to the user turns by asin(rho / d) at most, and the variance
+        // by direction changes by at most the difference of its extremes per radian.
+        let (low, high) = if distance_m > rho_m {
+            let change = (spread.most_var_m2 - spread.least_var_m2) * (rho_m / distance_m).asin();
+            ((radial - change).max(spread.least_var_m2), (radial + change).min(spread.most_var_m2))
+        } else {
+            (spread.least_var_m2, spread.most_var_m2)
+        };
+        // More room helps; more variance hurts where there is room and helps where there is none.
+        let (nearest_m, farthest_m) = (room_m + rho_m.min(distance_m), room_m - rho_m);
+        let pick = |room_m: f64, with_room: f64, without: f64| {
+            weight * chance(room_m, if room_m >= 0.0 { with_room } else { without })
+        };
+        Bracket {
+            least: pick(farthest_m, high, low),
+            at_middle: weight * chance(room_m, radial),
+            greatest: pick(nearest_m, low, high),
+        }
+    }
+
+    fn settle(&self, node: &Node, keep_out: &KeepOut, _: &mut Best) -> Option<f64> {
+        let flat = node.open.is_empty() && keep_out.allows(node.at);
+        (flat || node.half_m <= SMALLEST_HALF_M).then_some(node.ceiling)
+    }
+}

@@ -1,0 +1,248 @@
+//! Best-first branch and bound over squares of centres: where can one drone gain the most?
+//!
+//! A square is handled as its circumscribed disk, so that one distance per user tells all: users whose
+//! disk contains it are gained anywhere in it, users whose disk misses it nowhere, and only the others
+//! are looked at again in its four quarters. Squares that cannot beat the best centre known are never
+//! opened. The method is that of max-depth searches on arrangements of disks; exactness comes from the
+//! leaf of the objective (for counts an angular sweep, for probabilities a stated gap).
+
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BinaryHeap};
+
+use super::KeepOut;
+use super::cells::Cells;
+use crate::geometry::V2;
+
+/// Sums of weights closer than this are equal.
+pub(super) const SAME_VALUE: f64 = 1e-9;
+
+/// What a user contributes over the disk of centres of a node.
+#[derive(Clone, Copy)]
+pub(super) struct Bracket {
+    pub(super) least: f64,
+    pub(super) at_middle: f64,
+    pub(super) greatest: f64,
+}
+
+/// What is summed over the users.
+pub(super) trait Gain {
+    /// Range of the gain of `user` over the closed disk (`at`, `rho_m`) of centres.
+    fn bracket(&self, user: u32, at: V2, rho_m: f64) -> Bracket;
+
+    /// Settles a small node by offering the best centres in it, and bounds what it may hold beyond the
+    /// offers (minus infinity: nothing); `None` asks for its quarters.
+    fn settle(&self, node: &Node, keep_out: &KeepOut, best: &mut Best) -> Option<f64>;
+}
+
+/// A square of centres with what is known about it.
+pub(super) struct Node {
+    pub(super) at: V2,
+    pub(super) half_m: f64,
+    /// Gain of the users that are certain in the whole node.
+    pub(super) certain: f64,
+    /// Name of the set of certain users, see [`user_name`].
+    pub(super) certain_name: u64,
+    /// Users whose gain varies within the node.
+    pub(super) open: Vec<u32>,
+    /// Upper bound of the gain of any centre in the node.
+    pub(super) ceiling: f64,
+    /// Name of the set of all users within reach of the node.
+    pub(super) full_name: u64,
+    age: u32,
+}
+
+impl Node {
+    /// Radius of the circumscribed disk.
+    pub(super) fn rho_m(&self) -> f64 {
+        self.half_m * std::f64::consts::SQRT_2
+    }
+}
+
+// A heap of nodes pops the highest ceiling first, the older of two equals.
+impl Ord for Node {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.ceiling.total_cmp(&other.ceiling).then(other.age.cmp(&self.age))
+    }
+}
+impl PartialOrd for Node {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl PartialEq for Node {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+impl Eq for Node {}
+
+/// A set of users is named by the wrapping sum of its members' names: 64 well-mixed bits, so that two
+/// different sets share a name once in 2^64.
+pub(super) fn user_name(user: u32) -> u64 {
+    // The finaliser of SplitMix64 (Steele, Lea and Flood 2014).
+    let mut z = u64::from(user).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A set of users that may reach the best value: those gained by some centre within `rho_m` of `at`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tie {
+    pub(super) at: V2,
+    pub(super) rho_m: f64,
+}
+
+/// The best value found so far, where, and the sets of users that reach it.
+#[derive(Debug)]
+pub(super) struct Best {
+    pub(super) value: f64,
+    /// The first centre that reached `value`.
+    pub(super) at: Option<V2>,
+    /// No centre is worth more than this.
+    pub(super) ceiling: f64,
+    /// By name. Those with a radius are rivals that may turn out not to be coverable.
+    pub(super) ties: BTreeMap<u64, Tie>,
+}
+
+impl Best {
+    /// Offers a centre with its value and the name of the users it gains.
+    pub(super) fn offer(&mut self, value: f64, name: u64, at: V2) {
+        if value > self.value + SAME_VALUE {
+            self.value = value;
+            self.at = Some(at);
+            self.ties.clear();
+        } else if value < self.value - SAME_VALUE || self.at.is_none() {
+            return;
+        }
+        self.ties.entry(name).or_insert(Tie { at, rho_m: 0.0 });
+    }
+}
+
+/// How far a search goes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Goal {
+    /// Only centres above this are of interest.
+    pub(super) above: f64,
+    /// Stop when no centre can be better than the best by more than this.
+    pub(super) gap: f64,
+    /// Also collect every other set of users that may reach the best value.
+    pub(super) collect_ties: bool,
+}
+
+/// Best centre for one drone. The value is `goal.above` and there is no centre when nothing is better.
+pub(super) fn search<G: Gain>(cells: &Cells, gain: &G, keep_out: &KeepOut, goal: Goal) -> Best {
+    let mut best = Best { value: goal.above, at: None, ceiling: goal.above, ties: BTreeMap::new() };
+    let mut heap = BinaryHeap::new();
+    let mut age = 0;
+    let mut squares = cells.by_ceiling(goal.above).into_iter().peekable();
+    loop {
+        let open_above = best.value + goal.gap.max(SAME_VALUE);
+        let in_heap = heap.peek().map_or(f64::NEG_INFINITY, |n: &Node| n.ceiling);
+        let fresh = squares.next_if(|&(ceiling, _)| ceiling > open_above && ceiling >= in_heap);
+        if let Some((_, square)) = fresh {
+            let (at, half_m) = cells.square(square);
+            let users = cells.within_reach(square);
+            open(gain, keep_out, goal, (at, half_m), (0.0, 0), users, &mut age, &mut best, &mut heap);
+            continue;
+        }
+        if in_heap <= open_above {
+            break;
+        }
+        let Some(node) = heap.pop() else { break };
+        if let Some(ceiling) = gain.settle(&node, keep_out, &mut best) {
+            best.ceiling = best.ceiling.max(ceiling);
+            continue;
+        }
+        let quarter_m = 0.5 * node.half_m;
+        for (sx, sy) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
+            let at = node.at + V2::new(sx, sy) * quarter_m;
+            let certain = (node.certain, node.certain_name);
+            let users = node.open.iter().copied();
+            open(gain, keep_out, goal, (at, quarter_m), certain, users, &mut age, &mut best, &mut heap);
+        }
+    }
+    best.ceiling = best.ceiling.max(best.value + goal.gap);
+    if goal.collect_ties && best.at.is_some() {
+        collect_ties(cells, gain, keep_out, goal, heap.into_vec(), squares, &mut best);
+    }
+    best
+}
+
+/// The best value is final here, and a node whose ceiling equals it can reach it in one way only:
+/// with all its users. So such a node is one set of users, and needs no further search.
+fn collect_ties<G: Gain>(
+    cells: &Cells,
+    gain: &G,
+    keep_out: &KeepOut,
+    goal: Goal,
+    nodes: Vec<Node>,
+    squares: impl Iterator<Item = (f64, usize)>,
+    best: &mut Best,
+) {
+    let mut heap = BinaryHeap::from(nodes);
+    let mut age = u32::MAX / 2;
+    let least = best.value - SAME_VALUE;
+    for (_, square) in squares.take_while(|&(ceiling, _)| ceiling >= least) {
+        let users = cells.within_reach(square);
+        open(gain, keep_out, goal, cells.square(square), (0.0, 0), users, &mut age, best, &mut heap);
+    }
+    for node in heap.into_sorted_vec().iter().rev().filter(|node| node.ceiling >= least) {
+        best.ties.entry(node.full_name).or_insert(Tie { at: node.at, rho_m: node.rho_m() });
+    }
+}
+
+/// Bounds one square, offers its middle, and keeps it if it can still hold something better.
+#[expect(clippy::too_many_arguments, reason = "the state of one search, spelt out once")]
+fn open<G: Gain>(
+    gain: &G,
+    keep_out: &KeepOut,
+    goal: Goal,
+    (at, half_m): (V2, f64),
+    (mut certain, mut certain_name): (f64, u64),
+    users: impl Iterator<Item = u32>,
+    age: &mut u32,
+    best: &mut Best,
+    heap: &mut BinaryHeap<Node>,
+) {
+    let rho_m = half_m * std::f64::consts::SQRT_2;
+    if keep_out.swallows(at, rho_m) {
+        return;
+    }
+    let mut open = Vec::new();
+    let (mut varying, mut middle, mut full_name, mut middle_name) = (0.0, 0.0, 0u64, 0u64);
+    for user in users {
+        let Bracket { least, at_middle, greatest } = gain.bracket(user, at, rho_m);
+        if greatest <= 0.0 {
+            continue;
+        }
+        let name = user_name(user);
+        if least >= greatest {
+            certain += greatest;
+            certain_name = certain_name.wrapping_add(name);
+            continue;
+        }
+        open.push(user);
+        varying += greatest;
+        full_name = full_name.wrapping_add(name);
+        if at_middle > 0.0 {
+            middle += at_middle;
+            middle_name = middle_name.wrapping_add(name);
+        }
+    }
+    if keep_out.allows(at) && certain + middle > 0.0 {
+        best.offer(certain + middle, certain_name.wrapping_add(middle_name), at);
+    }
+    let ceiling = certain + varying;
+    let worth = if goal.collect_ties {
+        ceiling >= best.value - SAME_VALUE
+    } else {
+        ceiling > best.value + goal.gap.max(SAME_VALUE)
+    };
+    // A node without open users is flat: its middle has said all, unless the middle is not allowed.
+    if worth && ceiling > 0.0 {
+        let full_name = full_name.wrapping_add(certain_name);
+        heap.push(Node { at, half_m, certain, certain_name, open, ceiling, full_name, age: *age });
+        *age += 1;
+    }
+}
