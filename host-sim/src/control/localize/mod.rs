@@ -1,1 +1,97 @@
-//! Work in progress.
+//! Batch UTDOA localization of the control center: all users of a sweep together with the clocks of the drones
+//! that heard them (paper section 2; the captures are UL-RTOA of TS 38.215, 5.2.2).
+//!
+//! A fleet of three drones 50 m apart hears a user once a second while passing it. A nanosecond of clock error
+//! moves a fix by 3 to 6 m, so the clocks of a fleet are unknowns of the same least-squares problem as all of its
+//! users: `toa = emission + |p - d| / c + clock + noise`, Taylor-series positioning (Foy 1976, Torrieri 1984) with
+//! - an unknown emission time per occasion, projected out ([`robust`]);
+//! - two unknowns per user, eliminated by a Schur complement ([`normal`]);
+//! - offset, drift and random walk per drone on knots in time ([`clock`]), solved by a skyline Cholesky
+//!   factorisation ([`cholesky`]);
+//! - Tukey weights against late captures, tightened step by step from a start that needs no clocks ([`solve`]);
+//! - a verdict per user ([`check`]) and the marginal covariance that verdict and r95 rest on.
+//!
+//! A closed-form start (Chan & Ho 1994) is of no use here: it needs the clocks, which are off by up to 60 us.
+//!
+//! Clock groups (fleets) are independent problems, solved in parallel; a user heard by several has its
+//! estimates combined by their information. Results do not depend on threads or on the order of the input.
+
+mod bound;
+mod check;
+mod cholesky;
+mod clock;
+mod model;
+mod normal;
+mod problem;
+mod r95;
+mod robust;
+#[cfg(test)]
+mod sim;
+mod solve;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+use skyroost_protocol::units::UserId;
+
+pub use bound::{crlb, crlb_ratio};
+pub use model::{
+    C_M_PER_NS, Capture, ClockFix, ClockModel, FixStatus, Localization, LocalizeConfig, LocalizeError,
+    MAX_CAPTURES, Occasion, Robust, UserFix,
+};
+pub use r95::r95;
+
+/// Estimates every user and every clock from all occasions of a mission.
+///
+/// # Errors
+/// A field of `cfg` out of its range. Unusable occasions are no error: they are dropped and counted in `warnings`.
+pub fn localize(occasions: &[Occasion], cfg: &LocalizeConfig) -> Result<Localization, LocalizeError> {
+    cfg.check()?;
+    let (problems, dropped) = problem::split(occasions, cfg, &|_, _| true);
+    let answers: Vec<_> = problems.par_iter().map(|problem| solve::solve_group(problem, cfg)).collect();
+    let mut localization = Localization { warnings: dropped.warnings().collect(), ..Localization::default() };
+    let mut users: BTreeMap<UserId, UserFix> = BTreeMap::new();
+    for answer in answers {
+        localization.iterations += answer.iterations;
+        localization.clocks.extend(answer.clocks);
+        localization.warnings.extend(answer.warnings);
+        for fix in answer.users {
+            (users.entry(fix.user)).and_modify(|known| *known = combine(known, &fix, cfg)).or_insert(fix);
+        }
+    }
+    localization.users = users.into_values().collect();
+    Ok(localization)
+}
+
+/// One fix from those of two clock groups, whose noise and clocks are independent.
+fn combine(a: &UserFix, b: &UserFix, cfg: &LocalizeConfig) -> UserFix {
+    /// 99.99 % quantile of a chi-square with two degrees of freedom.
+    const CONTRADICTION: f64 = 18.42;
+    let mut joint = match (a.status, b.status) {
+        (FixStatus::Ok, FixStatus::Ok) => {
+            let e = [b.pos_m[0] - a.pos_m[0], b.pos_m[1] - a.pos_m[1]];
+            let sum = |i: usize, j: usize| a.cov_m2[i][j] + b.cov_m2[i][j];
+            let whitened = normal::sym_mul(normal::sym_inverse([sum(0, 0), sum(0, 1), sum(1, 1)]), e);
+            let distance = e[0] * whitened[0] + e[1] * whitened[1];
+            let cov_m2 = bound::parallel(a.cov_m2, b.cov_m2);
+            // p = a + A (A + B)^-1 (b - a)
+            let pos_m = std::array::from_fn(|i| {
+                a.pos_m[i] + a.cov_m2[i][0] * whitened[0] + a.cov_m2[i][1] * whitened[1]
+            });
+            let r95_m = r95(cov_m2);
+            let status = if distance > CONTRADICTION { FixStatus::Inconsistent } else { FixStatus::Ok };
+            debug_assert!(r95_m <= cfg.max_r95_m * (1.0 + 1e-9));
+            UserFix { pos_m, cov_m2, r95_m, status, ..a.clone() }
+        }
+        (FixStatus::Ok, _) => a.clone(),
+        (_, FixStatus::Ok) => b.clone(),
+        _ if b.r95_m < a.r95_m => b.clone(),
+        _ => a.clone(),
+    };
+    joint.occasions = a.occasions + b.occasions;
+    joint.rejected = a.rejected + b.rejected;
+    joint.last_heard_s = a.last_heard_s.max(b.last_heard_s);
+    joint
+}

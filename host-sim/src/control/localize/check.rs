@@ -1,0 +1,231 @@
+//! Whether a fix deserves trust: bad fits and their second starts, mirror points, profiles, the status.
+
+use super::model::{FixStatus, LocalizeConfig, MAX_CAPTURES, UserFix};
+use super::normal::{Fit, Sym2, sym_inverse, sym_mul};
+use super::problem::{Problem, UserSpan};
+use super::r95::{eigenvalues, r95};
+use super::robust::{Loss, linearise};
+use super::solve::{State, position_prior};
+
+/// A clean pass throws out some 10 % of its captures (5 % late, more of them in pairs); beyond this share something
+/// else is wrong.
+const BAD_FIT_REJECTED: f64 = 0.35;
+/// Beyond this share a fix is refused.
+const INCONSISTENT_REJECTED: f64 = 0.6;
+/// Largest deviation of a chi-square from its mean, in its standard deviations.
+const CHI2_SIGMAS: f64 = 6.0;
+/// Half the cost difference that a point at 3 standard deviations has.
+const COMPARABLE_COST: f64 = 4.5;
+/// Occasions of a first look at a mirror point.
+const GLANCE: usize = 16;
+/// Fixes with a smaller r95 are in the linear range (the geometry curves over some 300 m): no profile needed.
+const PROFILE_FROM_R95_M: f64 = 25.0;
+
+/// What can be said of a user without TDOAs: it was about where the drones were.
+pub(super) fn not_located(user: &UserSpan, cfg: &LocalizeConfig) -> UserFix {
+    let variance_m2 = cfg.expected_radius_m.powi(2);
+    let cov_m2 = [[variance_m2, 0.0], [0.0, variance_m2]];
+    UserFix {
+        user: user.user,
+        pos_m: user.centroid_m,
+        cov_m2,
+        r95_m: r95(cov_m2),
+        status: FixStatus::NotLocated,
+        occasions: user.span.len() as u32,
+        rejected: 0,
+        last_heard_s: user.last_heard_s,
+    }
+}
+
+/// The status of user `u`; `known_clocks_cov` is its covariance if the clocks were known.
+pub(super) fn status(
+    problem: &Problem,
+    cfg: &LocalizeConfig,
+    state: &State,
+    u: usize,
+    fit: &Fit,
+    r95_m: f64,
+    known_clocks_cov: Sym2,
+) -> FixStatus {
+    if fit.tdoas < 2 {
+        return FixStatus::NotLocated;
+    }
+    let dof = f64::from(fit.tdoas) - 2.0;
+    let excess = fit.chi2 - dof;
+    if rejected_share(fit) > INCONSISTENT_REJECTED || excess > CHI2_SIGMAS * (2.0 * dof.max(1.0)).sqrt() {
+        return FixStatus::Inconsistent;
+    }
+    if r95_m.is_nan() || r95_m > cfg.max_r95_m {
+        return FixStatus::PoorGeometry;
+    }
+    let one = OneUser::new(problem, cfg, state, u);
+    if one.has_rival(state.pos_m[u], r95_m) {
+        return FixStatus::Ambiguous;
+    }
+    if r95_m > PROFILE_FROM_R95_M && !one.profile_is_parabola(state.pos_m[u], known_clocks_cov) {
+        return FixStatus::PoorGeometry;
+    }
+    FixStatus::Ok
+}
+
+fn rejected_share(fit: &Fit) -> f64 {
+    1.0 - f64::from(fit.accepted) / f64::from(fit.captures.max(1))
+}
+
+/// Looks for users whose captures are thrown out in numbers and tries other starts for them with the clocks as
+/// they are. Says whether any user moved to a better point.
+pub(super) fn restart_bad_fits(problem: &Problem, cfg: &LocalizeConfig, state: &mut State) -> bool {
+    let mut moved = false;
+    for u in 0..problem.users.len() {
+        let one = OneUser::new(problem, cfg, state, u);
+        let here = state.pos_m[u];
+        if rejected_share(&one.fit(here)) <= BAD_FIT_REJECTED {
+            continue;
+        }
+        let cost = one.cost(here);
+        let best =
+            (one.starts().into_iter()).map(|start| one.descend(start, 1)).min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((pos_m, best_cost)) = best
+            && best_cost < cost - 1.0
+        {
+            state.pos_m[u] = pos_m;
+            moved = true;
+        }
+    }
+    moved
+}
+
+/// One user with the clocks held.
+struct OneUser<'a> {
+    problem: &'a Problem,
+    cfg: &'a LocalizeConfig,
+    state: &'a State,
+    user: &'a UserSpan,
+}
+
+impl<'a> OneUser<'a> {
+    fn new(problem: &'a Problem, cfg: &'a LocalizeConfig, state: &'a State, u: usize) -> Self {
+        Self { problem, cfg, state, user: &problem.users[u] }
+    }
+
+    /// Information, gradient and fit at `p`, from every `stride`-th occasion.
+    fn linearise(&self, p: [f64; 2], loss: &Loss, stride: usize) -> (Sym2, [f64; 2], Fit) {
+        let prior = position_prior(self.cfg).info;
+        let d = [p[0] - self.user.centroid_m[0], p[1] - self.user.centroid_m[1]];
+        let mut info = [prior, 0.0, prior];
+        let mut gradient = d.map(|d| -prior * d);
+        let mut fit = Fit { cost: 0.5 * prior * (d[0] * d[0] + d[1] * d[1]), ..Fit::default() };
+        for heard in self.problem.heard[self.user.span.clone()].iter().step_by(stride) {
+            let (interval, fraction) = self.state.grid.locate(heard.time_s);
+            let row = linearise(heard, p, self.state.clocks.of_captures(heard, interval, fraction), loss);
+            fit.cost += row.cost;
+            fit.captures += u32::from(heard.count);
+            let accepted = row.weight.iter().filter(|w| **w > 0.0).count() as u32;
+            if accepted < 2 {
+                continue;
+            }
+            fit.accepted += accepted;
+            fit.tdoas += accepted - 1;
+            let mean: [f64; 2] = std::array::from_fn(|axis| {
+                (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
+            });
+            for i in 0..MAX_CAPTURES {
+                let w = row.weight[i];
+                let [sx, sy] = [row.slope[i][0] - mean[0], row.slope[i][1] - mean[1]];
+                fit.chi2 += w * row.deviation_ns[i].powi(2);
+                gradient[0] += w * row.deviation_ns[i] * sx;
+                gradient[1] += w * row.deviation_ns[i] * sy;
+                info[0] += w * sx * sx;
+                info[1] += w * sx * sy;
+                info[2] += w * sy * sy;
+            }
+        }
+        (info, gradient, fit)
+    }
+
+    fn loss(&self) -> Loss {
+        Loss::new(self.cfg.robust, 1.0)
+    }
+
+    fn fit(&self, p: [f64; 2]) -> Fit {
+        self.linearise(p, &self.loss(), 1).2
+    }
+
+    fn cost(&self, p: [f64; 2]) -> f64 {
+        self.fit(p).cost
+    }
+
+    /// Graduated Levenberg-Marquardt from `start`: the point and its cost.
+    fn descend(&self, start: [f64; 2], stride: usize) -> ([f64; 2], f64) {
+        let mut p = start;
+        for (scale, steps) in [(16.0, 3), (4.0, 3), (1.0, 10)] {
+            let loss = Loss::new(self.cfg.robust, scale);
+            let (mut info, mut gradient, mut fit) = self.linearise(p, &loss, stride);
+            let mut damping = 0.0;
+            for _ in 0..steps {
+                let [xx, xy, yy] = info;
+                let d = sym_mul(sym_inverse([xx * (1.0 + damping), xy, yy * (1.0 + damping)]), gradient);
+                let shorten = (0.5 * self.cfg.expected_radius_m / d[0].hypot(d[1])).min(1.0);
+                let trial = [p[0] + shorten * d[0], p[1] + shorten * d[1]];
+                let (trial_info, trial_gradient, trial_fit) = self.linearise(trial, &loss, stride);
+                if trial_fit.cost > fit.cost {
+                    damping = (damping * 10.0).max(1e-2);
+                    continue;
+                }
+                let gained = fit.cost - trial_fit.cost;
+                (p, info, gradient, fit) = (trial, trial_info, trial_gradient, trial_fit);
+                damping *= 0.1;
+                if gained < 1e-4 {
+                    break;
+                }
+            }
+        }
+        (p, self.cost(p))
+    }
+
+    /// Points around the centroid, and the centroid.
+    fn starts(&self) -> Vec<[f64; 2]> {
+        let [x, y] = self.user.centroid_m;
+        let [tx, ty] = self.user.track;
+        let reach = 0.6 * self.cfg.expected_radius_m;
+        let mut starts = vec![[x, y]];
+        starts.extend((0..8).map(|k| {
+            let (sin, cos) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
+            [x + reach * (cos * tx - sin * ty), y + reach * (cos * ty + sin * tx)]
+        }));
+        starts
+    }
+
+    /// Whether the point mirrored at the drones' track leads to another minimum that is about as good.
+    fn has_rival(&self, p: [f64; 2], r95_m: f64) -> bool {
+        let [tx, ty] = self.user.track;
+        let [cx, cy] = self.user.centroid_m;
+        let across = (p[0] - cx) * -ty + (p[1] - cy) * tx;
+        let mirrored = [p[0] + 2.0 * across * ty, p[1] - 2.0 * across * tx];
+        let distinct_m = (2.0 * r95_m).max(1.0);
+        let far = |q: [f64; 2]| (q[0] - p[0]).hypot(q[1] - p[1]) > distinct_m;
+        if !far(mirrored) {
+            return false;
+        }
+        let stride = (self.user.span.len() / GLANCE).max(1);
+        if !far(self.descend(mirrored, stride).0) {
+            return false;
+        }
+        let (rival, cost) = self.descend(mirrored, 1);
+        far(rival) && cost < self.cost(p) + COMPARABLE_COST
+    }
+
+    /// Whether the cost rises by about 3 at both ends of the major axis of the 95 % ellipse, as the covariance
+    /// claims (half of 2.448^2). Beyond a factor of 2.5 the Gaussian is no description of the error.
+    fn profile_is_parabola(&self, p: [f64; 2], cov: Sym2) -> bool {
+        let [xx, xy, yy] = cov;
+        let [major, _] = eigenvalues([[xx, xy], [xy, yy]]);
+        let (sin, cos) = (0.5 * f64::atan2(2.0 * xy, xx - yy)).sin_cos();
+        let reach = (5.991 * major).sqrt();
+        let cost = self.cost(p);
+        [1.0, -1.0].into_iter().all(|side| {
+            let rise = self.cost([p[0] + side * reach * cos, p[1] + side * reach * sin]) - cost;
+            (3.0 / 2.5..3.0 * 2.5).contains(&rise)
+        })
+    }
+}

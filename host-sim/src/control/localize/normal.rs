@@ -1,0 +1,368 @@
+//! Normal equations of a group: users as 2x2 blocks, clocks by Schur complement, marginal covariances.
+//!
+//! With user block `A`, coupling `E` and clock block `H` the system is
+//!
+//! ```text
+//! | A  E | | dp |   | g_p |       S  = H - E' A^-1 E
+//! | E' H | | dc | = | g_c |       dc = S^-1 (g_c - E' A^-1 g_p),   dp = A^-1 (g_p - E dc)
+//! ```
+//!
+//! and the covariance of a user is `A^-1 + F S^-1 F'` with `F = A^-1 E`: its own noise plus what the clocks add.
+
+use std::ops::Range;
+
+use super::cholesky::Skyline;
+use super::clock::{Clocks, Grid};
+use super::model::MAX_CAPTURES;
+use super::problem::{Problem, UserSpan};
+use super::robust::{Loss, linearise};
+
+/// A weak prior keeps every user's block definite: it lies within about this distance of its centroid.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PositionPrior {
+    /// Inverse variance, 1/m^2.
+    pub(super) info: f64,
+}
+
+/// How well one user's captures fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Fit {
+    /// Robust cost, in half squared standard deviations.
+    pub(super) cost: f64,
+    /// Weighted sum of squares of the captures with weight.
+    pub(super) chi2: f64,
+    /// Captures with weight, in occasions with at least two of them.
+    pub(super) accepted: u32,
+    /// Captures in all.
+    pub(super) captures: u32,
+    /// TDOAs left: accepted captures less one per occasion.
+    pub(super) tdoas: u32,
+}
+
+/// A 2x2 symmetric matrix as (xx, xy, yy).
+pub(super) type Sym2 = [f64; 3];
+
+pub(super) fn sym_inverse([xx, xy, yy]: Sym2) -> Sym2 {
+    let det = xx * yy - xy * xy;
+    [yy / det, -xy / det, xx / det]
+}
+
+pub(super) fn sym_mul([xx, xy, yy]: Sym2, [x, y]: [f64; 2]) -> [f64; 2] {
+    [xx * x + xy * y, xy * x + yy * y]
+}
+
+/// The normal equations at one state.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Normal {
+    /// Per user: information, gradient (downhill), fit.
+    info: Vec<Sym2>,
+    gradient: Vec<[f64; 2]>,
+    pub(super) fits: Vec<Fit>,
+    /// Knots that a user's occasions touch, ascending, all users in a row; `touched_by` has the ranges.
+    touched: Vec<u32>,
+    touched_by: Vec<Range<usize>>,
+    /// `E`: per touched knot the east row, then the north row, one entry per clock each.
+    coupling: Vec<f64>,
+    /// `H` without priors: per interval the blocks (k, k), (k+1, k), (k+1, k+1).
+    clock_info: Vec<f64>,
+    clock_gradient: Vec<f64>,
+    /// Cost of the captures and of all priors.
+    pub(super) cost: f64,
+}
+
+/// A step of all unknowns.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Step {
+    pub(super) users_m: Vec<[f64; 2]>,
+    pub(super) clocks: Vec<f64>,
+    /// By how much the linearised cost falls.
+    pub(super) predicted: f64,
+}
+
+impl Normal {
+    /// Linearises every `thin(user)`-th occasion of every user at `pos_m` and `clocks`.
+    pub(super) fn evaluate(
+        &mut self,
+        problem: &Problem,
+        grid: &Grid,
+        pos_m: &[[f64; 2]],
+        clocks: &Clocks,
+        loss: &Loss,
+        prior: PositionPrior,
+        thin: impl Fn(&UserSpan) -> usize,
+    ) {
+        let m = grid.clocks();
+        self.info.clear();
+        self.gradient.clear();
+        self.fits.clear();
+        self.touched.clear();
+        self.touched_by.clear();
+        self.coupling.clear();
+        self.clock_info.clear();
+        self.clock_info.resize(grid.intervals * 3 * m * m, 0.0);
+        self.clock_gradient.clear();
+        self.clock_gradient.resize(grid.unknowns(), 0.0);
+        self.cost = 0.0;
+        for (user, &p) in problem.users.iter().zip(pos_m) {
+            self.add_user(problem, grid, user, p, clocks, loss, prior, thin(user));
+        }
+        self.cost += grid.add_prior(clocks, &mut self.clock_gradient, None);
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "the hot loop, called from one place")]
+    fn add_user(
+        &mut self,
+        problem: &Problem,
+        grid: &Grid,
+        user: &UserSpan,
+        p: [f64; 2],
+        clocks: &Clocks,
+        loss: &Loss,
+        prior: PositionPrior,
+        stride: usize,
+    ) {
+        let m = grid.clocks();
+        let from_centroid = [p[0] - user.centroid_m[0], p[1] - user.centroid_m[1]];
+        let mut info = [prior.info, 0.0, prior.info];
+        let mut gradient = from_centroid.map(|d| -prior.info * d);
+        let mut fit = Fit::default();
+        let touched_start = self.touched.len();
+        let mut last_interval = usize::MAX;
+        for heard in problem.heard[user.span.clone()].iter().step_by(stride) {
+            let (interval, fraction) = grid.locate(heard.time_s);
+            if interval != last_interval {
+                self.touch(interval, touched_start, m);
+                last_interval = interval;
+            }
+            let row = linearise(heard, p, clocks.of_captures(heard, interval, fraction), loss);
+            fit.cost += row.cost;
+            fit.captures += u32::from(heard.count);
+            if row.total <= 0.0 {
+                continue;
+            }
+            let mean: [f64; 2] = std::array::from_fn(|axis| {
+                (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
+            });
+            let share = [1.0 - fraction, fraction];
+            let coupling = self.coupling.len() - 4 * m;
+            let accepted = row.weight.iter().filter(|w| **w > 0.0).count() as u32;
+            if accepted >= 2 {
+                fit.accepted += accepted;
+                fit.tdoas += accepted - 1;
+            }
+            for i in 0..MAX_CAPTURES {
+                let w = row.weight[i];
+                let wd = w * row.deviation_ns[i];
+                let [sx, sy] = [row.slope[i][0] - mean[0], row.slope[i][1] - mean[1]];
+                fit.chi2 += wd * row.deviation_ns[i];
+                gradient[0] += wd * sx;
+                gradient[1] += wd * sy;
+                info[0] += w * sx * sx;
+                info[1] += w * sx * sy;
+                info[2] += w * sy * sy;
+                let slot = usize::from(heard.slot[i]);
+                if slot == 0 {
+                    continue;
+                }
+                for (side, share_side) in share.iter().enumerate() {
+                    let at = coupling + 2 * m * side + slot - 1;
+                    self.coupling[at] += share_side * w * sx;
+                    self.coupling[at + m] += share_side * w * sy;
+                    self.clock_gradient[(interval + side) * m + slot - 1] += share_side * wd;
+                }
+                // W - W 1 1' W / (1' W 1), see `linearise`.
+                for j in 0..MAX_CAPTURES {
+                    let other = usize::from(heard.slot[j]);
+                    if other == 0 {
+                        continue;
+                    }
+                    let own = if i == j { w } else { 0.0 };
+                    let value = own - w * row.weight[j] / row.total;
+                    let at = interval * 3 * m * m + (slot - 1) * m + other - 1;
+                    self.clock_info[at] += value * share[0] * share[0];
+                    self.clock_info[at + m * m] += value * share[0] * share[1];
+                    self.clock_info[at + 2 * m * m] += value * share[1] * share[1];
+                }
+            }
+        }
+        self.cost += fit.cost + 0.5 * prior.info * (from_centroid[0].powi(2) + from_centroid[1].powi(2));
+        self.info.push(info);
+        self.gradient.push(gradient);
+        self.fits.push(fit);
+        self.touched_by.push(touched_start..self.touched.len());
+    }
+
+    /// Makes the last two touched knots those of `interval`.
+    fn touch(&mut self, interval: usize, touched_start: usize, m: usize) {
+        let known = self.touched[touched_start..].last().map(|&knot| knot as usize);
+        for knot in [interval, interval + 1] {
+            if known.is_none_or(|last| knot > last) {
+                self.touched.push(knot as u32);
+                self.coupling.resize(self.coupling.len() + 2 * m, 0.0);
+            }
+        }
+    }
+
+    /// An empty clock matrix with the envelope that these users need. Knots stay in time order: users seen in two
+    /// lanes join knots mirrored about the turn, which the envelope follows row by row.
+    pub(super) fn envelope(&self, grid: &Grid) -> Skyline {
+        let m = grid.clocks();
+        let mut first: Vec<usize> = (0..grid.knots()).map(|k| k.saturating_sub(1)).collect();
+        for range in &self.touched_by {
+            let touched = &self.touched[range.clone()];
+            for &knot in touched {
+                first[knot as usize] = first[knot as usize].min(touched[0] as usize);
+            }
+        }
+        let knots = first.iter().flat_map(|&f| std::iter::repeat_n(f * m, m));
+        Skyline::new(knots.chain(std::iter::repeat_n(0, m)).collect())
+    }
+
+    /// Eliminates the users, with the diagonal of their blocks raised by the fraction `damping`, and factors the
+    /// clocks' matrix. `None` where it is not positive definite.
+    pub(super) fn eliminate(
+        &self,
+        grid: &Grid,
+        clocks: &Clocks,
+        damping: f64,
+        mut s: Skyline,
+    ) -> Option<Eliminated> {
+        let m = grid.clocks();
+        s.clear();
+        for (k, blocks) in self.clock_info.chunks_exact(3 * m * m).enumerate() {
+            for i in 0..m {
+                for j in 0..m {
+                    let at = i * m + j;
+                    if j <= i {
+                        s.add(k * m + i, k * m + j, blocks[at]);
+                        s.add((k + 1) * m + i, (k + 1) * m + j, blocks[at + 2 * m * m]);
+                    }
+                    s.add((k + 1) * m + i, k * m + j, blocks[at + m * m]);
+                }
+            }
+        }
+        let mut ignored = vec![0.0; grid.unknowns()];
+        grid.add_prior(clocks, &mut ignored, Some(&mut s));
+        let inverse: Vec<Sym2> = (self.info.iter())
+            .map(|&[xx, xy, yy]| sym_inverse([xx * (1.0 + damping), xy, yy * (1.0 + damping)]))
+            .collect();
+        // F = A^-1 E, in the layout of E.
+        let mut gain = self.coupling.clone();
+        let mut column: Vec<usize> = Vec::new();
+        let (mut e_rows, mut f_rows) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+        for (range, a) in self.touched_by.iter().zip(&inverse) {
+            column.clear();
+            e_rows.iter_mut().chain(&mut f_rows).for_each(Vec::clear);
+            for at in range.clone() {
+                let block = &mut gain[at * 2 * m..(at + 1) * 2 * m];
+                for j in 0..m {
+                    let e = [block[j], block[m + j]];
+                    let f = sym_mul(*a, e);
+                    [block[j], block[m + j]] = f;
+                    column.push(self.touched[at] as usize * m + j);
+                    for axis in 0..2 {
+                        e_rows[axis].push(e[axis]);
+                        f_rows[axis].push(f[axis]);
+                    }
+                }
+            }
+            for (i, &row) in column.iter().enumerate() {
+                let [ex, ey] = [e_rows[0][i], e_rows[1][i]];
+                let line = s.row_mut(row, column[0], row + 1);
+                for (j, &col) in column[..=i].iter().enumerate() {
+                    line[col - column[0]] -= ex * f_rows[0][j] + ey * f_rows[1][j];
+                }
+            }
+        }
+        s.factor().then_some(Eliminated { factor: s, inverse, gain })
+    }
+
+    /// The Gauss-Newton (damped: Levenberg-Marquardt) step.
+    pub(super) fn step(&self, grid: &Grid, damping: f64, eliminated: &Eliminated) -> Step {
+        let m = grid.clocks();
+        let mut clocks = self.clock_gradient.clone();
+        for (range, g) in self.touched_by.iter().zip(&self.gradient) {
+            for at in range.clone() {
+                let f = &eliminated.gain[at * 2 * m..(at + 1) * 2 * m];
+                let knot = self.touched[at] as usize;
+                for j in 0..m {
+                    clocks[knot * m + j] -= f[j] * g[0] + f[m + j] * g[1];
+                }
+            }
+        }
+        eliminated.factor.solve(&mut clocks);
+        let mut predicted: f64 = clocks.iter().zip(&self.clock_gradient).map(|(d, g)| 0.5 * d * g).sum();
+        let mut users_m = Vec::with_capacity(self.info.len());
+        for (u, range) in self.touched_by.iter().enumerate() {
+            let mut d = sym_mul(eliminated.inverse[u], self.gradient[u]);
+            for at in range.clone() {
+                let f = &eliminated.gain[at * 2 * m..(at + 1) * 2 * m];
+                let knot = self.touched[at] as usize;
+                for j in 0..m {
+                    d[0] -= f[j] * clocks[knot * m + j];
+                    d[1] -= f[m + j] * clocks[knot * m + j];
+                }
+            }
+            let [xx, _, yy] = self.info[u];
+            predicted += 0.5 * (d[0] * self.gradient[u][0] + d[1] * self.gradient[u][1]);
+            predicted += 0.5 * damping * (xx * d[0] * d[0] + yy * d[1] * d[1]);
+            users_m.push(d);
+        }
+        Step { users_m, clocks, predicted }
+    }
+
+    /// Marginal covariance of every user: `A^-1 + F S^-1 F'`.
+    pub(super) fn covariances(&self, grid: &Grid, eliminated: &Eliminated) -> Vec<[[f64; 2]; 2]> {
+        let m = grid.clocks();
+        let z = eliminated.factor.inverse_in_envelope();
+        let mut column: Vec<usize> = Vec::new();
+        let mut f_rows = [Vec::new(), Vec::new()];
+        (self.touched_by.iter().zip(&eliminated.inverse))
+            .map(|(range, &[mut xx, mut xy, mut yy])| {
+                column.clear();
+                f_rows.iter_mut().for_each(Vec::clear);
+                for at in range.clone() {
+                    let f = &eliminated.gain[at * 2 * m..(at + 1) * 2 * m];
+                    for j in 0..m {
+                        column.push(self.touched[at] as usize * m + j);
+                        f_rows[0].push(f[j]);
+                        f_rows[1].push(f[m + j]);
+                    }
+                }
+                for (i, &row) in column.iter().enumerate() {
+                    let line = z.row(row, column[0], row + 1);
+                    // Z F' by its lower triangle: off-diagonal entries count for both sides.
+                    let (mut zx, mut zy) = (0.0, 0.0);
+                    for (j, &col) in column[..i].iter().enumerate() {
+                        let value = line[col - column[0]];
+                        zx += value * f_rows[0][j];
+                        zy += value * f_rows[1][j];
+                    }
+                    let diagonal = line[row - column[0]];
+                    let [fx, fy] = [f_rows[0][i], f_rows[1][i]];
+                    xx += fx * (2.0 * zx + diagonal * fx);
+                    xy += fx * zy + fy * zx + diagonal * fx * fy;
+                    yy += fy * (2.0 * zy + diagonal * fy);
+                }
+                [[xx, xy], [xy, yy]]
+            })
+            .collect()
+    }
+}
+
+/// Users eliminated, clocks factored.
+#[derive(Clone, Debug)]
+pub(super) struct Eliminated {
+    factor: Skyline,
+    /// `A^-1` per user: the covariance if the clocks were known.
+    pub(super) inverse: Vec<Sym2>,
+    /// `A^-1 E`, in the layout of `E`.
+    gain: Vec<f64>,
+}
+
+impl Eliminated {
+    /// The matrix back, to be filled anew.
+    pub(super) fn into_matrix(self) -> Skyline {
+        self.factor
+    }
+}

@@ -1,0 +1,272 @@
+//! Occasions sorted and checked: one problem per clock group, in the layout that the solver reads.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use skyroost_protocol::units::{DroneId, UserId};
+
+use super::model::{LocalizeConfig, MAX_CAPTURES, Occasion};
+
+/// One usable occasion. Unused places carry no information (`info` = 0).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Heard {
+    pub(super) time_s: f64,
+    /// Captures, the first ones of the arrays.
+    pub(super) count: u8,
+    /// Index of the drone within its group.
+    pub(super) slot: [u8; MAX_CAPTURES],
+    pub(super) east_m: [f64; MAX_CAPTURES],
+    pub(super) north_m: [f64; MAX_CAPTURES],
+    /// Square of the height above the user.
+    pub(super) height2_m2: [f64; MAX_CAPTURES],
+    /// Relative to the occasion's first capture.
+    pub(super) toa_ns: [f64; MAX_CAPTURES],
+    /// Inverse variance, 1/ns^2.
+    pub(super) info: [f64; MAX_CAPTURES],
+}
+
+/// One user of a group.
+#[derive(Clone, Debug)]
+pub(super) struct UserSpan {
+    pub(super) user: UserId,
+    /// Its occasions in [`Problem::heard`], in time order.
+    pub(super) span: Range<usize>,
+    /// Mean position of the drones while they heard it: where the search starts.
+    pub(super) centroid_m: [f64; 2],
+    /// Direction of the drones' flight past it: principal axis of their positions, a unit vector.
+    pub(super) track: [f64; 2],
+    pub(super) last_heard_s: f64,
+}
+
+/// All that one clock group heard.
+#[derive(Clone, Debug)]
+pub(super) struct Problem {
+    pub(super) clock_group: u16,
+    /// Sorted; the first is the reference of the clocks.
+    pub(super) drones: Vec<DroneId>,
+    /// Sorted by id.
+    pub(super) users: Vec<UserSpan>,
+    /// Sorted by user, then time.
+    pub(super) heard: Vec<Heard>,
+    /// First and last time in `heard`; both 0 when that is empty.
+    pub(super) time_s: [f64; 2],
+}
+
+/// Why captures or occasions did not make it into a problem.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Dropped {
+    /// Occasions at a time that is not finite.
+    pub(super) bad_time: usize,
+    /// Captures with a number that is not finite, or a standard deviation not above 0.
+    pub(super) bad_capture: usize,
+    /// Second captures of a drone in one occasion.
+    pub(super) duplicate: usize,
+    /// Captures of drones beyond the 256th of a group.
+    pub(super) too_many_drones: usize,
+}
+
+impl Dropped {
+    /// One line per reason that occurred.
+    pub(super) fn warnings(self) -> impl Iterator<Item = String> {
+        [
+            (self.bad_time, "occasions dropped: their time is not finite"),
+            (self.bad_capture, "captures dropped: a number is not finite, or sigma_ns is not above 0"),
+            (self.duplicate, "captures dropped: the same drone twice in one occasion"),
+            (self.too_many_drones, "captures dropped: more than 256 drones in one clock group"),
+        ]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+    }
+}
+
+/// Splits occasions by clock group, with the captures that `keep(occasion, capture)` (indices of the input) lets
+/// through. The result does not depend on the order of occasions or captures.
+pub(super) fn split(
+    occasions: &[Occasion],
+    cfg: &LocalizeConfig,
+    keep: &dyn Fn(usize, usize) -> bool,
+) -> (Vec<Problem>, Dropped) {
+    let mut dropped = Dropped::default();
+    let mut order: Vec<u32> = Vec::with_capacity(occasions.len());
+    for (i, occasion) in occasions.iter().enumerate() {
+        if occasion.time_s.is_finite() {
+            order.push(i as u32);
+        } else {
+            dropped.bad_time += 1;
+        }
+    }
+    let key = |i: &u32| {
+        let o = &occasions[*i as usize];
+        (o.clock_group, o.user)
+    };
+    order.sort_unstable_by(|a, b| {
+        let (left, right) = (&occasions[*a as usize], &occasions[*b as usize]);
+        (key(a).cmp(&key(b)))
+            .then_with(|| left.time_s.total_cmp(&right.time_s))
+            // Only for occasions at the same instant, so that input order never matters.
+            .then_with(|| canonical(left).cmp(&canonical(right)))
+    });
+    let problems = order
+        .chunk_by(|a, b| key(a).0 == key(b).0)
+        .map(|group| build(occasions, group, cfg, keep, &mut dropped))
+        .collect();
+    (problems, dropped)
+}
+
+/// A total order of occasions with equal user and time.
+fn canonical(occasion: &Occasion) -> Vec<(u16, [u64; 4])> {
+    let mut keys: Vec<_> = occasion
+        .captures
+        .iter()
+        .map(|c| {
+            let [x, y, z] = c.pos_enu_m.map(f64::to_bits);
+            (c.drone.0, [c.toa_ns.to_bits(), x, y, z])
+        })
+        .collect();
+    keys.sort_unstable();
+    keys
+}
+
+/// One group; `group` is sorted by user and time.
+fn build(
+    occasions: &[Occasion],
+    group: &[u32],
+    cfg: &LocalizeConfig,
+    keep: &dyn Fn(usize, usize) -> bool,
+    dropped: &mut Dropped,
+) -> Problem {
+    let drones: BTreeSet<DroneId> =
+        group.iter().flat_map(|&i| &occasions[i as usize].captures).map(|c| c.drone).collect();
+    let drones: Vec<DroneId> = drones.into_iter().take(256).collect();
+    let mut problem = Problem {
+        clock_group: occasions[group[0] as usize].clock_group,
+        drones,
+        users: Vec::new(),
+        heard: Vec::with_capacity(group.len()),
+        time_s: [f64::INFINITY, f64::NEG_INFINITY],
+    };
+    for of_user in group.chunk_by(|a, b| occasions[*a as usize].user == occasions[*b as usize].user) {
+        let start = problem.heard.len();
+        let mut track = Track::default();
+        for &i in of_user {
+            let occasion = &occasions[i as usize];
+            let heard = hear(occasion, &problem.drones, cfg, &|capture| keep(i as usize, capture), dropped);
+            if heard.count > 0 {
+                track.add(&heard);
+            }
+            if heard.count >= 2 {
+                problem.time_s[0] = problem.time_s[0].min(heard.time_s);
+                problem.time_s[1] = problem.time_s[1].max(heard.time_s);
+                problem.heard.push(heard);
+            }
+        }
+        // A user none of whose captures can be read is not in the answer; its captures are counted.
+        if let Some((centroid_m, direction)) = track.finish() {
+            problem.users.push(UserSpan {
+                user: occasions[of_user[0] as usize].user,
+                span: start..problem.heard.len(),
+                centroid_m,
+                track: direction,
+                last_heard_s: track.last_heard_s,
+            });
+        }
+    }
+    if problem.heard.is_empty() {
+        problem.time_s = [0.0; 2];
+    }
+    problem
+}
+
+/// Reads one occasion, captures sorted by drone.
+fn hear(
+    occasion: &Occasion,
+    drones: &[DroneId],
+    cfg: &LocalizeConfig,
+    keep: &dyn Fn(usize) -> bool,
+    dropped: &mut Dropped,
+) -> Heard {
+    let mut heard = Heard {
+        time_s: occasion.time_s,
+        count: 0,
+        slot: [0; MAX_CAPTURES],
+        east_m: [0.0; MAX_CAPTURES],
+        north_m: [0.0; MAX_CAPTURES],
+        height2_m2: [1.0; MAX_CAPTURES],
+        toa_ns: [0.0; MAX_CAPTURES],
+        info: [0.0; MAX_CAPTURES],
+    };
+    let mut order: [usize; MAX_CAPTURES] = std::array::from_fn(|i| i);
+    let captures = &occasion.captures;
+    let order = &mut order[..captures.len()];
+    order.sort_unstable_by(|&a, &b| {
+        (captures[a].drone.cmp(&captures[b].drone)).then(captures[a].toa_ns.total_cmp(&captures[b].toa_ns))
+    });
+    let drone_sigma_ns = cfg.drone_pos_sigma_m / super::model::C_M_PER_NS;
+    let mut first_toa_ns = 0.0;
+    for &i in order.iter().filter(|&&i| keep(i)) {
+        let capture = &captures[i];
+        let sigma_ns = capture.sigma_ns.unwrap_or(cfg.sigma_toa_ns);
+        let finite = capture.pos_enu_m.iter().all(|p| p.is_finite()) && capture.toa_ns.is_finite();
+        if !(finite && sigma_ns.is_finite() && sigma_ns > 0.0) {
+            dropped.bad_capture += 1;
+            continue;
+        }
+        let Ok(slot) = drones.binary_search(&capture.drone) else {
+            dropped.too_many_drones += 1;
+            continue;
+        };
+        let n = usize::from(heard.count);
+        if n > 0 && usize::from(heard.slot[n - 1]) == slot {
+            dropped.duplicate += 1;
+            continue;
+        }
+        if n == 0 {
+            first_toa_ns = capture.toa_ns;
+        }
+        let [east_m, north_m, up_m] = capture.pos_enu_m;
+        heard.slot[n] = slot as u8;
+        heard.east_m[n] = east_m;
+        heard.north_m[n] = north_m;
+        heard.height2_m2[n] = (up_m - cfg.user_altitude_m).powi(2);
+        heard.toa_ns[n] = capture.toa_ns - first_toa_ns;
+        heard.info[n] = 1.0 / (sigma_ns.powi(2) + drone_sigma_ns.powi(2));
+        heard.count += 1;
+    }
+    heard
+}
+
+/// Moments of the drones' mean position over the occasions of one user.
+#[derive(Default)]
+struct Track {
+    positions: Vec<[f64; 2]>,
+    last_heard_s: f64,
+}
+
+impl Track {
+    fn add(&mut self, heard: &Heard) {
+        let n = usize::from(heard.count);
+        let mean = |values: &[f64; MAX_CAPTURES]| values[..n].iter().sum::<f64>() / n as f64;
+        self.positions.push([mean(&heard.east_m), mean(&heard.north_m)]);
+        self.last_heard_s = heard.time_s;
+    }
+
+    /// Centroid and principal axis; `None` without any occasion.
+    fn finish(&self) -> Option<([f64; 2], [f64; 2])> {
+        if self.positions.is_empty() {
+            return None;
+        }
+        let n = self.positions.len() as f64;
+        let centroid: [f64; 2] =
+            std::array::from_fn(|k| self.positions.iter().map(|p| p[k]).sum::<f64>() / n);
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for p in &self.positions {
+            let [x, y] = [p[0] - centroid[0], p[1] - centroid[1]];
+            xx += x * x;
+            xy += x * y;
+            yy += y * y;
+        }
+        let (sin, cos) = (0.5 * f64::atan2(2.0 * xy, xx - yy)).sin_cos();
+        centroid.iter().all(|c| c.is_finite()).then_some((centroid, [cos, sin]))
+    }
+}

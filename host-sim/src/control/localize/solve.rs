@@ -1,0 +1,219 @@
+//! One clock group from captures to positions: start, graduated robust iterations, second starts, verdicts.
+
+use super::check;
+use super::clock::{Clocks, Grid, Resolution, first_lines};
+use super::model::{ClockFix, FixStatus, LocalizeConfig, UserFix};
+use super::normal::{Eliminated, Normal, PositionPrior};
+use super::problem::{Problem, UserSpan};
+use super::r95::r95;
+use super::robust::Loss;
+
+/// The noise is first taken this many times larger than it is, then less and less (graduated non-convexity,
+/// Blake & Zisserman 1987): the start is off by some 100 ns, and a capture that far off must not be thrown out.
+const SCALES: [f64; 5] = [32.0, 16.0, 8.0, 4.0, 2.0];
+/// Steps per scale before the last.
+const STEPS_PER_SCALE: u32 = 2;
+/// Steps at the true noise.
+const MOST_STEPS: u32 = 12;
+/// Occasions per user that suffice for the first iterations.
+const FIRST_OCCASIONS: usize = 24;
+/// Converged when a step is expected to lower the cost by less than this per user: a hundredth of a standard
+/// deviation.
+const TOLERANCE_PER_USER: f64 = 5e-5;
+/// Rounds of new starts for users with a bad fit.
+const MOST_RESTARTS: usize = 3;
+
+/// What one group gives.
+#[derive(Clone, Debug, Default)]
+pub(super) struct GroupAnswer {
+    pub(super) users: Vec<UserFix>,
+    pub(super) clocks: Vec<ClockFix>,
+    pub(super) iterations: u32,
+    pub(super) warnings: Vec<String>,
+}
+
+/// All unknowns of a group, and the knots that its clocks live on.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    pub(super) grid: Grid,
+    pub(super) clocks: Clocks,
+    pub(super) pos_m: Vec<[f64; 2]>,
+}
+
+/// Solves one group.
+pub(super) fn solve_group(problem: &Problem, cfg: &LocalizeConfig) -> GroupAnswer {
+    if problem.heard.is_empty() {
+        let users = (problem.users.iter()).map(|user| check::not_located(user, cfg)).collect();
+        return GroupAnswer { users, ..GroupAnswer::default() };
+    }
+    let mut solver = Solver { problem, cfg, prior: position_prior(cfg), iterations: 0 };
+    let mut state = solver.start();
+    let mut converged = solver.descend(&mut state);
+    for _ in 0..MOST_RESTARTS {
+        if !check::restart_bad_fits(problem, cfg, &mut state) {
+            break;
+        }
+        solver.minimise(&mut state, 2.0, STEPS_PER_SCALE, false);
+        converged = solver.minimise(&mut state, 1.0, MOST_STEPS, false);
+    }
+    let mut answer = solver.verdicts(&state);
+    answer.iterations = solver.iterations;
+    if !converged {
+        let group = problem.clock_group;
+        answer.warnings.push(format!("clock group {group}: not converged after {} steps", solver.iterations));
+    }
+    answer
+}
+
+/// A user lies within the coverage radius of the drones' centroid: as a standard deviation this moves a fix with
+/// an r95 of 10 m by at most a decimetre, and it bounds one with hardly any information.
+pub(super) fn position_prior(cfg: &LocalizeConfig) -> PositionPrior {
+    PositionPrior { info: cfg.expected_radius_m.powi(-2) }
+}
+
+struct Solver<'a> {
+    problem: &'a Problem,
+    cfg: &'a LocalizeConfig,
+    prior: PositionPrior,
+    iterations: u32,
+}
+
+impl Solver<'_> {
+    /// Users at the centroids of the drones that heard them, clocks on robust lines.
+    fn start(&self) -> State {
+        let grid = Grid::new(self.problem, self.cfg, Resolution::Coarse);
+        let clocks = Clocks::from_lines(&grid, &first_lines(self.problem, self.cfg));
+        let pos_m = self.problem.users.iter().map(|user| user.centroid_m).collect();
+        State { grid, clocks, pos_m }
+    }
+
+    /// From a start to the minimum at the true noise. Coarse knots and thinned occasions carry the first part.
+    fn descend(&mut self, state: &mut State) -> bool {
+        for scale in SCALES {
+            self.minimise(state, scale, STEPS_PER_SCALE, true);
+        }
+        let fine = Grid::new(self.problem, self.cfg, Resolution::Fine);
+        state.clocks = state.clocks.resample(&state.grid, &fine);
+        state.grid = fine;
+        self.minimise(state, 1.0, MOST_STEPS, false)
+    }
+
+    fn evaluate(&self, state: &State, loss: &Loss, thinned: bool, normal: &mut Normal) {
+        let thin = |user: &UserSpan| if thinned { (user.span.len() / FIRST_OCCASIONS).max(1) } else { 1 };
+        normal.evaluate(self.problem, &state.grid, &state.pos_m, &state.clocks, loss, self.prior, thin);
+    }
+
+    /// Levenberg-Marquardt on the robust cost. Says whether it converged.
+    fn minimise(&mut self, state: &mut State, scale: f64, most_steps: u32, thinned: bool) -> bool {
+        let loss = Loss::new(self.cfg.robust, scale);
+        let tolerance = TOLERANCE_PER_USER * (self.problem.users.len() as f64 + 1.0);
+        let mut normal = Normal::default();
+        self.evaluate(state, &loss, thinned, &mut normal);
+        let mut matrix = normal.envelope(&state.grid);
+        let mut trial_normal = Normal::default();
+        let mut damping = 0.0;
+        for _ in 0..most_steps {
+            self.iterations += 1;
+            let Some(eliminated) = normal.eliminate(&state.grid, &state.clocks, damping, matrix) else {
+                matrix = normal.envelope(&state.grid);
+                damping = raise(damping);
+                continue;
+            };
+            let step = normal.step(&state.grid, damping, &eliminated);
+            matrix = eliminated.into_matrix();
+            let mut trial = state.clone();
+            trial.clocks.step(&step.clocks);
+            for (p, d) in trial.pos_m.iter_mut().zip(&step.users_m) {
+                let length_m = d[0].hypot(d[1]);
+                let shorten = (0.5 * self.cfg.expected_radius_m / length_m).min(1.0);
+                *p = [p[0] + shorten * d[0], p[1] + shorten * d[1]];
+            }
+            if step.predicted < tolerance {
+                *state = trial;
+                return true;
+            }
+            self.evaluate(&trial, &loss, thinned, &mut trial_normal);
+            if trial_normal.cost <= normal.cost {
+                *state = trial;
+                std::mem::swap(&mut normal, &mut trial_normal);
+                damping = lower(damping);
+            } else {
+                damping = raise(damping);
+            }
+        }
+        false
+    }
+
+    /// Covariances and statuses at the minimum.
+    fn verdicts(&self, state: &State) -> GroupAnswer {
+        let loss = Loss::accepting(self.cfg.robust);
+        let mut normal = Normal::default();
+        self.evaluate(state, &loss, false, &mut normal);
+        let matrix = normal.envelope(&state.grid);
+        let eliminated = normal.eliminate(&state.grid, &state.clocks, 0.0, matrix);
+        let covariances = eliminated.as_ref().map(|e| normal.covariances(&state.grid, e));
+        let mut answer = GroupAnswer::default();
+        if covariances.is_none() {
+            let group = self.problem.clock_group;
+            answer.warnings.push(format!("clock group {group}: covariances are not positive definite"));
+        }
+        for (u, user) in self.problem.users.iter().enumerate() {
+            let fix = match (&covariances, &eliminated) {
+                (Some(covariances), Some(eliminated)) => {
+                    self.verdict(state, u, covariances[u], &normal, eliminated)
+                }
+                _ => check::not_located(user, self.cfg),
+            };
+            answer.users.push(fix);
+        }
+        let grid = &state.grid;
+        for (slot, &drone) in self.problem.drones.iter().enumerate() {
+            let knots = (0..grid.knots()).map(|k| (grid.knot_time_s(k), state.clocks.offset_ns(k, slot)));
+            answer.clocks.push(ClockFix {
+                clock_group: self.problem.clock_group,
+                drone,
+                reference_time_s: grid.knot_time_s(0),
+                offset_ns: state.clocks.offset_ns(0, slot),
+                drift_ns_per_s: state.clocks.drift_ns_per_s(grid, slot),
+                knots: knots.collect(),
+            });
+        }
+        answer
+    }
+
+    fn verdict(
+        &self,
+        state: &State,
+        u: usize,
+        cov_m2: [[f64; 2]; 2],
+        normal: &Normal,
+        eliminated: &Eliminated,
+    ) -> UserFix {
+        let user = &self.problem.users[u];
+        let fit = normal.fits[u];
+        let r95_m = r95(cov_m2);
+        let status = check::status(self.problem, self.cfg, state, u, &fit, r95_m, eliminated.inverse[u]);
+        if status == FixStatus::NotLocated {
+            let rejected = fit.captures - fit.accepted;
+            return UserFix { rejected, ..check::not_located(user, self.cfg) };
+        }
+        UserFix {
+            user: user.user,
+            pos_m: state.pos_m[u],
+            cov_m2,
+            r95_m,
+            status,
+            occasions: user.span.len() as u32,
+            rejected: fit.captures - fit.accepted,
+            last_heard_s: user.last_heard_s,
+        }
+    }
+}
+
+fn raise(damping: f64) -> f64 {
+    (damping * 10.0).max(1e-2)
+}
+
+fn lower(damping: f64) -> f64 {
+    if damping < 1e-3 { 0.0 } else { damping * 0.1 }
+}
