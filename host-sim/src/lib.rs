@@ -5,9 +5,12 @@
 //! the protocol but never `control`; `runner` ties the two together; `report` and `cli` sit on top.
 #![forbid(unsafe_code)]
 
+pub mod cli;
 pub mod control;
 pub mod geometry;
 pub mod recording;
 pub mod report;
 pub mod rng;
+pub mod runner;
+pub mod scenario;
 pub mod world;

@@ -1,2 +1,5 @@
 //! The `skyroost` command.
-fn main() {}
+
+fn main() -> std::process::ExitCode {
+    skyroost_host_sim::cli::main()
+}

@@ -1,0 +1,87 @@
+//! Results to stdout, logs and progress to stderr.
+
+use super::exit::Failure;
+use crate::runner::Progress;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::cell::Cell;
+use std::fmt::Display;
+use std::io::{self, IsTerminal, Write};
+
+/// Steps of the progress bar: a hundredth of a percent each.
+const BAR_STEPS: u64 = 10_000;
+const BAR_TEMPLATE: &str = "{msg:<14} {bar:30} {percent:>3} %  simulated {prefix}  ETA {eta}";
+
+/// Where a run speaks to its user.
+pub(super) struct Console {
+    quiet: bool,
+}
+
+impl Console {
+    /// `quiet` silences logs and progress, never errors or results.
+    pub(super) const fn new(quiet: bool) -> Self {
+        Self { quiet }
+    }
+
+    /// An error, always.
+    pub(super) fn error(error: &impl Display) {
+        // Nothing is left to tell a user whose stderr is closed.
+        let _ = writeln!(io::stderr(), "error: {error}");
+    }
+
+    /// A line of the log.
+    pub(super) fn log(&self, line: &str) {
+        if !self.quiet {
+            let _ = writeln!(io::stderr(), "{line}");
+        }
+    }
+
+    /// The results.
+    ///
+    /// A reader that has seen enough (`| head`) is no error; a full disk is.
+    pub(super) fn print(text: &str) -> Result<(), Failure> {
+        let mut stdout = io::stdout().lock();
+        match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Stdout(error)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Shows how far a run is: a bar on a terminal, one line for each phase elsewhere.
+    pub(super) fn progress(&self) -> ProgressView<'_> {
+        let bar = (!self.quiet && io::stderr().is_terminal()).then(|| {
+            let style =
+                ProgressStyle::with_template(BAR_TEMPLATE).unwrap_or_else(|_| ProgressStyle::default_bar());
+            ProgressBar::new(BAR_STEPS).with_style(style)
+        });
+        ProgressView { console: self, bar, phase: Cell::new("") }
+    }
+}
+
+/// The progress of one run; the bar disappears with it.
+pub(super) struct ProgressView<'a> {
+    console: &'a Console,
+    bar: Option<ProgressBar>,
+    phase: Cell<&'static str>,
+}
+
+impl ProgressView<'_> {
+    /// Shows `progress`.
+    pub(super) fn show(&self, progress: Progress) {
+        let Progress { phase, simulated_s, fraction } = progress;
+        if let Some(bar) = &self.bar {
+            bar.set_message(phase);
+            bar.set_prefix(format!("{simulated_s:.0} s"));
+            bar.set_position((fraction.clamp(0.0, 1.0) * BAR_STEPS as f64) as u64);
+        } else if self.phase.replace(phase) != phase {
+            self.console.log(&format!("{phase} (simulated {simulated_s:.0} s)"));
+        }
+    }
+}
+
+impl Drop for ProgressView<'_> {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

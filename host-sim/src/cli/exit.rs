@@ -1,0 +1,69 @@
+//! What went wrong and the exit status it has.
+
+use super::output::OutputError;
+use crate::runner::{InputError, RunError};
+use std::io;
+use thiserror::Error;
+
+/// Exit status of the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Exit {
+    /// Done.
+    Ok,
+    /// Done, but an acceptance limit of the scenario failed.
+    LimitFailed,
+    /// Wrong usage or bad input.
+    BadInput,
+    /// Valid input without a solution.
+    Infeasible,
+    /// A link or a board failed.
+    Link,
+    /// The user interrupted.
+    Interrupted,
+}
+
+impl Exit {
+    /// The number that the shell sees.
+    pub(super) const fn code(self) -> u8 {
+        match self {
+            Self::Ok => 0,
+            Self::LimitFailed => 1,
+            Self::BadInput => 2,
+            Self::Infeasible => 3,
+            Self::Link => 4,
+            Self::Interrupted => 130, // 128 + SIGINT, as shells count
+        }
+    }
+}
+
+/// Why a subcommand has no result.
+#[derive(Debug, Error)]
+pub(super) enum Failure {
+    /// The mission was not flown to its end.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The result files cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The results cannot be printed.
+    #[error("stdout: cannot be written: {0}")]
+    Stdout(#[source] io::Error),
+}
+
+impl From<InputError> for Failure {
+    fn from(error: InputError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+impl Failure {
+    /// The exit status it has.
+    pub(super) const fn exit(&self) -> Exit {
+        match self {
+            Self::Run(RunError::BadInput(_)) | Self::Output(_) | Self::Stdout(_) => Exit::BadInput,
+            Self::Run(RunError::Infeasible(_)) => Exit::Infeasible,
+            Self::Run(RunError::Link(_)) => Exit::Link,
+            Self::Run(RunError::Interrupted) => Exit::Interrupted,
+        }
+    }
+}

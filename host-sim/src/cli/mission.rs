@@ -1,0 +1,198 @@
+//! `skyroost mission`: flies the whole two-stage mission and leaves its results in a directory.
+
+use super::console::Console;
+use super::exit::{Exit, Failure};
+use super::output::OutputDir;
+use super::{inputs, interrupt};
+use crate::recording::Recording;
+use crate::report::summary::Summary;
+use crate::report::tables;
+use crate::runner::{self, Outcome, RunError, RunOptions};
+use crate::scenario::Overrides;
+use clap::Args;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+const REPORT_FILE: &str = "report.html";
+const SUMMARY_FILE: &str = "summary.json";
+const USERS_FILE: &str = "users.csv";
+const TRAJECTORY_FILE: &str = "trajectory.csv";
+const RECORDING_FILE: &str = "recording.json";
+
+const EXAMPLES: &str = "\
+Examples:
+  skyroost mission
+      The paper's scenario: 6 drones, 10 km x 10 km, 5 users/km2.
+  skyroost mission --density-per-km2 20 --seed 7 --out night-run
+      The same with more users and other random choices.
+  skyroost mission --area town.geojson --users people.csv --drones 9
+      A real area and known users.
+  skyroost mission river-town.toml --json | jq .localization
+      A scenario file, results for a script.
+
+Result files: report.html (map and replay), summary.json (the figures), users.csv, trajectory.csv
+and recording.json. They appear together at the end; files of these names are replaced.
+
+Exit status: 0 done, 1 an acceptance limit failed, 2 wrong usage or bad input (nothing is written),
+3 infeasible, 4 link or board failure, 130 interrupted (nothing is written).";
+
+/// Fly a whole mission: sweep, locate, place
+///
+/// Fleets of three drones sweep the area and locate its users by UTDOA; then all drones are placed
+/// where they serve the most users. Every drone runs the flight code of the real boards. The same
+/// build, scenario and seed give the same results whatever the number of threads.
+#[derive(Debug, Args)]
+#[command(after_long_help = EXAMPLES)]
+pub(super) struct MissionArgs {
+    /// Scenario file; without it the built-in scenario of the paper is flown
+    ///
+    /// TOML; every key has a default, so a file states only what differs. scenarios/paper.toml in the
+    /// sources lists all of them.
+    #[arg(value_name = "SCENARIO.toml")]
+    scenario: Option<PathBuf>,
+
+    /// Seed of every random choice [default: the scenario's, which is 1 unless it says otherwise]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    seed: Option<u64>,
+
+    /// Mean number of users per square kilometre, strewn at random over the area
+    #[arg(long, value_name = "D", allow_negative_numbers = true, conflicts_with = "users")]
+    density_per_km2: Option<f64>,
+
+    /// File with the area: .geojson (WGS84), .csv (x_m,y_m) or .plan (QGroundControl)
+    #[arg(long, value_name = "FILE")]
+    area: Option<PathBuf>,
+
+    /// File with the users' true positions: .csv (x_m,y_m, optionally id)
+    #[arg(long, value_name = "FILE")]
+    users: Option<PathBuf>,
+
+    /// Number of drones: fleets of three, the rest join in the second stage
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    drones: Option<u32>,
+
+    /// Fraction of the frames between drones and control center that are lost
+    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    loss_fraction: Option<f64>,
+
+    /// Cut the mission off at this simulated time
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    duration_s: Option<f64>,
+
+    /// Where the flight code runs; this build has inproc: on this computer, in this program
+    #[arg(long, value_name = "BACKEND", default_value = "inproc", value_parser = backend)]
+    backend: Backend,
+
+    /// Directory for the result files
+    #[arg(long, value_name = "DIR", default_value = "skyroost-out")]
+    out: PathBuf,
+
+    /// Threads to use; results do not depend on them [default: one for each core]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+
+    /// Print the results as one JSON object, the same as summary.json
+    #[arg(long)]
+    json: bool,
+
+    /// No progress and no logs, only results and errors
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// Where the flight code runs.
+#[derive(Clone, Copy, Debug)]
+enum Backend {
+    /// In this process.
+    InProc,
+}
+
+fn backend(text: &str) -> Result<Backend, &'static str> {
+    match text {
+        "inproc" => Ok(Backend::InProc),
+        "qemu" => Err("this build has only inproc"),
+        text if text.starts_with("serial:") => Err("this build has only inproc"),
+        _ => Err("expected inproc, qemu or serial:PORT,..."),
+    }
+}
+
+impl MissionArgs {
+    fn overrides(&self) -> Overrides {
+        Overrides {
+            seed: self.seed,
+            density_per_km2: self.density_per_km2,
+            area: self.area.clone(),
+            users: self.users.clone(),
+            drones: self.drones,
+            loss_fraction: self.loss_fraction,
+            duration_s: self.duration_s,
+        }
+    }
+
+    fn threads(&self) -> usize {
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        self.threads.map_or_else(cores, usize::from)
+    }
+}
+
+/// Runs the subcommand.
+pub(super) fn run(args: &MissionArgs) -> Result<Exit, Failure> {
+    let Backend::InProc = args.backend;
+    let console = Console::new(args.quiet);
+    let input = inputs::load(args.scenario.as_deref(), &args.overrides())?;
+    let cancel = interrupt::flag(&console);
+    let output = OutputDir::prepare(&args.out)?;
+
+    let progress = console.progress();
+    let options =
+        RunOptions { threads: args.threads(), cancel, progress: &|progress_now| progress.show(progress_now) };
+    let outcome = runner::fly(&input, &options)?;
+    drop(progress);
+
+    let summary = &outcome.summary;
+    let json = summary.to_json();
+    write_results(output, &outcome, &json, cancel)?;
+    Console::print(&if args.json { json } else { text_for_people(summary, &args.out) })?;
+    Ok(if summary.accepted() { Exit::Ok } else { Exit::LimitFailed })
+}
+
+/// Writes all result files, or none when one fails or the user interrupts.
+fn write_results(
+    mut output: OutputDir,
+    outcome: &Outcome,
+    json: &str,
+    cancel: &AtomicBool,
+) -> Result<(), Failure> {
+    let Outcome { summary, recording } = outcome;
+    let files: [(&str, &WriteFile<'_>); 5] = [
+        (SUMMARY_FILE, &|file| file.write_all(json.as_bytes())),
+        (USERS_FILE, &|file| Ok(tables::write_users(recording, file)?)),
+        (TRAJECTORY_FILE, &|file| Ok(tables::write_trajectory(recording, file)?)),
+        (RECORDING_FILE, &|file| Ok(serde_json::to_writer(file, recording)?)),
+        (REPORT_FILE, &|file| file.write_all(report_html(summary, recording).as_bytes())),
+    ];
+    for (name, write) in files {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(RunError::Interrupted.into());
+        }
+        output.stage(name, write)?;
+    }
+    Ok(output.commit()?)
+}
+
+/// Writes the content of one file.
+type WriteFile<'a> = dyn Fn(&mut BufWriter<File>) -> io::Result<()> + 'a;
+
+/// The report: the figures as text.
+fn report_html(summary: &Summary, _recording: &Recording) -> String {
+    let text = summary.to_string().replace('&', "&amp;").replace('<', "&lt;");
+    format!("<!doctype html>\n<meta charset=\"utf-8\">\n<title>skyroost</title>\n<pre>{text}</pre>\n")
+}
+
+/// The figures, the verdict, and where the files lie.
+fn text_for_people(summary: &Summary, out: &Path) -> String {
+    let report = out.join(REPORT_FILE);
+    format!("{summary}\nReport: {}\n", report.display())
+}

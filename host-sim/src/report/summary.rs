@@ -1,0 +1,178 @@
+//! The figures of one flown mission: what `skyroost mission --json` prints and `summary.json` holds.
+//!
+//! Names and nesting are a contract with scripts. Figures that cannot be known (an error of users of
+//! whom none was located) are `None` and print as `null`, never as a number that looks like one.
+//! Only [`Timing::wall_s`] and [`Timing::realtime_factor`] may differ between two runs of the same
+//! build, scenario and seed.
+
+use super::limits::LimitOutcome;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// The figures of one mission.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Where the flight code ran: `inproc`, `qemu` or `serial`.
+    pub backend: String,
+    /// Number of drones.
+    pub drones: u32,
+    /// Number of fleets of three.
+    pub fleets: u32,
+    /// The first stage: the sweep.
+    pub sweep: SweepSummary,
+    /// What the sweep found of the users.
+    pub localization: LocalizationSummary,
+    /// The second stage: where the drones serve.
+    pub placement: PlacementSummary,
+    /// How the drones kept apart and together.
+    pub safety: SafetySummary,
+    /// What crossed the radio between drones and control center.
+    pub link: LinkSummary,
+    /// How long it took.
+    pub timing: Timing,
+    /// Hash over every flight-code output of every drone, in time order, hexadecimal.
+    pub digest: String,
+    /// The acceptance limits of the scenario and whether they hold.
+    pub limits: Vec<LimitOutcome>,
+    /// What the reader should know besides.
+    pub warnings: Vec<String>,
+}
+
+/// The sweep as flown.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SweepSummary {
+    /// How the area was shared: `area` or `length`.
+    pub split: String,
+    /// Fraction of the area that some fleet's overlap region passed over, by the true tracks.
+    pub coverage_fraction: f64,
+    /// From the common start of the lanes until the last fleet flew them, seconds.
+    pub duration_s: f64,
+    /// Length of each fleet's lanes, metres.
+    pub length_m: Vec<f64>,
+    /// From the first take-off until the last fleet flew its lanes, climb and transit included, seconds.
+    pub mission_time_s: f64,
+}
+
+/// The users as located.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LocalizationSummary {
+    /// Users in the area.
+    pub users: u32,
+    /// Users whose position is claimed (status `ok`).
+    pub located: u32,
+    /// Root mean square of the horizontal error of the located, metres.
+    pub rmse_m: Option<f64>,
+    /// Median of the 95 % radii of the located, metres.
+    pub r95_median_m: Option<f64>,
+    /// 95th percentile of the 95 % radii of the located, metres.
+    pub r95_p95_m: Option<f64>,
+    /// sqrt(mean(e' C^-1 e) / 2) with C the Cramer-Rao bound of the very measurements used: 1 is the
+    /// best that any unbiased method can do.
+    pub crlb_ratio: Option<f64>,
+    /// Fraction of the located whose true position lies within their 95 % radius.
+    pub in_r95_fraction: Option<f64>,
+    /// Users by status.
+    pub status_counts: BTreeMap<String, u32>,
+}
+
+/// The placement as planned and as it truly serves.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PlacementSummary {
+    /// How it was planned: `joint` or `greedy`.
+    pub method: String,
+    /// Where each drone serves.
+    pub drones: Vec<PlacedDrone>,
+    /// Users whose whole error disk is covered (the paper's count).
+    pub served_guaranteed: u32,
+    /// Users whose true position is covered.
+    pub served_actual: u32,
+    /// No placement of these drones guarantees service to more users than this.
+    pub upper_bound: u32,
+    /// Whether `served_guaranteed` was proved to be the most that is possible.
+    pub proved_optimal: bool,
+    /// Users that the greedy placement would serve if it knew every true position.
+    pub greedy_on_truth: Option<u32>,
+    /// `served_actual / greedy_on_truth`: the price of not knowing.
+    pub served_ratio: Option<f64>,
+}
+
+/// A drone where it serves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct PlacedDrone {
+    /// The drone, from 1.
+    pub id: u16,
+    /// East, metres.
+    pub x_m: f64,
+    /// North, metres.
+    pub y_m: f64,
+}
+
+/// How the drones kept apart and together, by their true positions.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SafetySummary {
+    /// Least distance of two drones in flight, metres; none with fewer than two.
+    pub min_separation_m: Option<f64>,
+    /// Encounters of two drones nearer than the scenario's `d_safe_m`.
+    pub violations: u32,
+    /// Root mean square of a drone's distance from its place in the formation on the lanes, metres.
+    pub formation_error_rms_m: f64,
+    /// Greatest distance of a drone from its place in the formation on the lanes, metres.
+    pub formation_error_max_m: f64,
+}
+
+/// What crossed the radio between drones and control center.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LinkSummary {
+    /// Frames sent, both ways.
+    pub frames: u64,
+    /// Bytes sent, both ways.
+    pub bytes: u64,
+    /// Frames that never arrived.
+    pub lost: u64,
+    /// Frames that arrived and were refused by a decoder.
+    pub rejected: u64,
+}
+
+/// How long it took.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Timing {
+    /// Simulated time, seconds.
+    pub simulated_s: f64,
+    /// Real time, seconds.
+    pub wall_s: f64,
+    /// `simulated_s / wall_s`.
+    pub realtime_factor: f64,
+}
+
+impl Timing {
+    /// From simulated and real seconds.
+    #[must_use]
+    pub fn new(simulated_s: f64, wall_s: f64) -> Self {
+        let realtime_factor = if wall_s > 0.0 { simulated_s / wall_s } else { 0.0 };
+        Self { simulated_s, wall_s, realtime_factor }
+    }
+}
+
+impl Summary {
+    /// The figures as one JSON object, for `--json` and `summary.json`. Floats are written in the
+    /// shortest form that reads back to the same number, so equal figures are equal bytes.
+    ///
+    /// # Panics
+    /// Never: all keys are strings.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let mut json = serde_json::to_string_pretty(self).expect("a summary has only string keys");
+        json.push('\n');
+        json
+    }
+
+    /// Whether every acceptance limit holds.
+    #[must_use]
+    pub fn accepted(&self) -> bool {
+        self.limits.iter().all(|limit| limit.ok)
+    }
+}

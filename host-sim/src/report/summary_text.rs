@@ -1,0 +1,205 @@
+//! A [`Summary`] for people: the same facts as the JSON, aligned, with units and the verdict of
+//! every limit.
+
+use super::limits::Bound;
+use super::summary::{
+    LinkSummary, LocalizationSummary, PlacementSummary, SafetySummary, Summary, SweepSummary, Timing,
+};
+use std::fmt;
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { scenario, seed, backend, drones, fleets, .. } = self;
+        writeln!(f, "Mission {scenario}, seed {seed}: {drones} drones in {fleets} fleets ({backend})")?;
+        sweep(f, &self.sweep)?;
+        localization(f, &self.localization)?;
+        placement(f, &self.placement)?;
+        safety(f, &self.safety)?;
+        link(f, &self.link)?;
+        timing(f, &self.timing)?;
+        row(f, "digest", &self.digest)?;
+        limits(f, self)?;
+        self.warnings.iter().try_for_each(|warning| writeln!(f, "\nWarning: {warning}"))
+    }
+}
+
+fn sweep(f: &mut fmt::Formatter<'_>, sweep: &SweepSummary) -> fmt::Result {
+    writeln!(f, "\nSweep")?;
+    row(f, "coverage", format!("{} of the area", percent(sweep.coverage_fraction)))?;
+    row(f, "duration", minutes(sweep.duration_s))?;
+    row(f, "with transit", minutes(sweep.mission_time_s))?;
+    let lengths: Vec<String> = sweep.length_m.iter().map(|length_m| format!("{length_m:.0} m")).collect();
+    row(f, "lanes", format!("{}, split by {}", lengths.join(" + "), sweep.split))
+}
+
+fn localization(f: &mut fmt::Formatter<'_>, found: &LocalizationSummary) -> fmt::Result {
+    writeln!(f, "\nLocalization")?;
+    row(f, "located", format!("{} of {} users", found.located, found.users))?;
+    for (status, count) in found.status_counts.iter().filter(|(status, _)| *status != "ok") {
+        row(f, "", format!("{count} {}", status.replace('_', " ")))?;
+    }
+    row(f, "error (rms)", metres(found.rmse_m))?;
+    row(
+        f,
+        "95 % radius",
+        format!("median {}, 95th percentile {}", metres(found.r95_median_m), metres(found.r95_p95_m)),
+    )?;
+    row(f, "truly within", found.in_r95_fraction.map_or_else(unknown, percent))?;
+    row(f, "against bound", found.crlb_ratio.map_or_else(unknown, |ratio| format!("{ratio:.3} x Cramer-Rao")))
+}
+
+fn placement(f: &mut fmt::Formatter<'_>, placement: &PlacementSummary) -> fmt::Result {
+    writeln!(f, "\nPlacement ({})", placement.method)?;
+    row(f, "guaranteed", format!("{} users (whole error disk covered)", placement.served_guaranteed))?;
+    row(f, "actual", format!("{} users (true position covered)", placement.served_actual))?;
+    let proof = if placement.proved_optimal { "proved optimal" } else { "optimum not proved" };
+    row(f, "upper bound", format!("{} users, {proof}", placement.upper_bound))?;
+    if let (Some(greedy), Some(ratio)) = (placement.greedy_on_truth, placement.served_ratio) {
+        row(f, "knowing all", format!("{greedy} users greedily; reached {}", percent(ratio)))?;
+    }
+    for drone in &placement.drones {
+        row(
+            f,
+            &format!("drone {}", drone.id),
+            format!("{:9.1} m east {:9.1} m north", drone.x_m, drone.y_m),
+        )?;
+    }
+    Ok(())
+}
+
+fn safety(f: &mut fmt::Formatter<'_>, safety: &SafetySummary) -> fmt::Result {
+    writeln!(f, "\nSafety")?;
+    row(
+        f,
+        "separation",
+        format!("least {}, {} violations", metres(safety.min_separation_m), safety.violations),
+    )?;
+    let (rms, max) = (Some(safety.formation_error_rms_m), Some(safety.formation_error_max_m));
+    row(f, "formation", format!("error {} rms, {} at most", metres(rms), metres(max)))
+}
+
+fn link(f: &mut fmt::Formatter<'_>, link: &LinkSummary) -> fmt::Result {
+    let LinkSummary { frames, bytes, lost, rejected } = link;
+    writeln!(f, "\nLink")?;
+    row(f, "frames", format!("{frames} ({bytes} bytes), {lost} lost, {rejected} rejected"))
+}
+
+fn timing(f: &mut fmt::Formatter<'_>, timing: &Timing) -> fmt::Result {
+    writeln!(f, "\nTiming")?;
+    row(f, "simulated", minutes(timing.simulated_s))?;
+    row(f, "took", format!("{:.1} s, {:.0} x real time", timing.wall_s, timing.realtime_factor))
+}
+
+fn limits(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
+    let limits = &summary.limits;
+    if limits.is_empty() {
+        return writeln!(f, "\nThe scenario states no limits.");
+    }
+    writeln!(f, "\nLimits")?;
+    for limit in limits {
+        let verdict = if limit.ok { "pass" } else { "FAIL" };
+        let sign = match limit.bound {
+            Bound::AtLeast => ">=",
+            Bound::AtMost => "<=",
+        };
+        let value = limit.value.map_or_else(unknown, plain);
+        writeln!(f, "  {verdict}  {:<26} {value:>12} {sign} {}", limit.name, plain(limit.limit))?;
+    }
+    let kept = limits.iter().filter(|limit| limit.ok).count();
+    writeln!(f, "  {kept} of {} limits hold.", limits.len())
+}
+
+/// One aligned line.
+fn row(f: &mut fmt::Formatter<'_>, label: &str, value: impl fmt::Display) -> fmt::Result {
+    writeln!(f, "  {label:<14} {value}")
+}
+
+fn unknown() -> String {
+    "-".to_owned()
+}
+
+fn metres(value_m: Option<f64>) -> String {
+    value_m.map_or_else(unknown, |value_m| format!("{value_m:.2} m"))
+}
+
+fn minutes(time_s: f64) -> String {
+    format!("{time_s:.1} s ({:.1} min)", time_s / 60.0)
+}
+
+/// Rounded down, so that 100 % is said only of the whole.
+fn percent(fraction: f64) -> String {
+    format!("{:.2} %", (fraction * 1e4).floor() / 1e2)
+}
+
+/// A number as short as it is exact to nine decimals.
+fn plain(value: f64) -> String {
+    let text = format!("{value:.9}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::report::limits::judge;
+    use crate::report::summary::{PlacedDrone, Summary, Timing};
+    use crate::scenario::LoadedScenario;
+
+    /// A mission of the paper's scenario with one limit missed.
+    fn example() -> Summary {
+        let mut summary = Summary {
+            scenario: "paper".to_owned(),
+            seed: 1,
+            backend: "inproc".to_owned(),
+            drones: 6,
+            fleets: 2,
+            timing: Timing::new(6300.0, 42.0),
+            digest: "00112233445566778899aabbccddeeff".to_owned(),
+            warnings: vec!["drone 3 was late".to_owned()],
+            ..Summary::default()
+        };
+        summary.sweep.split = "length".to_owned();
+        summary.sweep.coverage_fraction = 1.0 - 1e-10;
+        summary.sweep.duration_s = 5820.0;
+        summary.sweep.mission_time_s = 5950.0;
+        summary.sweep.length_m = vec![58_182.0, 58_182.0];
+        let found = &mut summary.localization;
+        (found.users, found.located) = (500, 499);
+        found.rmse_m = Some(3.25);
+        (found.r95_median_m, found.r95_p95_m) = (Some(6.0), Some(11.5));
+        (found.crlb_ratio, found.in_r95_fraction) = (Some(1.04), Some(0.951));
+        found.status_counts = [("ok".to_owned(), 499), ("poor_geometry".to_owned(), 1)].into();
+        let placement = &mut summary.placement;
+        placement.method = "joint".to_owned();
+        placement.drones = vec![PlacedDrone { id: 1, x_m: 1234.56, y_m: 9876.5 }];
+        (placement.served_guaranteed, placement.served_actual, placement.upper_bound) = (61, 63, 61);
+        placement.proved_optimal = true;
+        (placement.greedy_on_truth, placement.served_ratio) = (Some(64), Some(63.0 / 64.0));
+        summary.safety.min_separation_m = Some(21.5);
+        summary.safety.formation_error_rms_m = 0.4;
+        summary.safety.formation_error_max_m = 5.2;
+        summary.limits = judge(&LoadedScenario::paper().scenario.limits, &summary);
+        summary
+    }
+
+    #[test]
+    fn text_for_people() {
+        insta::assert_snapshot!(example());
+    }
+
+    #[test]
+    fn json_for_scripts() {
+        insta::assert_snapshot!(example().to_json());
+    }
+
+    #[test]
+    fn nearly_all_is_not_all() {
+        assert_eq!(super::percent(0.999_99), "99.99 %");
+        assert_eq!(super::percent(1.0), "100.00 %");
+    }
+
+    #[test]
+    fn numbers_are_short_and_exact() {
+        assert_eq!(super::plain(15.0), "15");
+        assert_eq!(super::plain(0.999_999_999), "0.999999999");
+        assert_eq!(super::plain(0.0), "0");
+    }
+}

@@ -1,0 +1,213 @@
+//! What the values of a scenario must satisfy, each alone and with the others.
+//!
+//! The bounds are those of the wire format (speeds and separations are 16-bit millimetres,
+//! positions 32-bit millimetres) or plain physical sense; within them nothing in the program
+//! overflows.
+
+use super::error::ScenarioError;
+use super::source::Source;
+use super::tables::Scenario;
+use skyroost_protocol::units::MAX_DRONES;
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
+/// Longest side, distance or coordinate, metres: half of what the wire can carry.
+const MAX_LENGTH_M: f64 = 1e6;
+/// Longest time of anything in a mission, seconds (eleven days).
+const MAX_TIME_S: f64 = 1e6;
+/// Greatest clock error, NLOS lateness or timing noise, nanoseconds: half of what a TDOA can carry.
+const MAX_TIMING_NS: f64 = 1e6;
+/// Greatest speed or separation in 16-bit millimetres, metres (a second).
+const MAX_SHORT_M: f64 = 60.0;
+
+/// Checks every value and returns the first mistake.
+pub(super) fn check(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    each_alone(scenario, source)?;
+    formation(scenario, source)?;
+    proportions(scenario, source)?;
+    let Scenario { srs, users, fleet, .. } = scenario;
+    require(srs.nlos_min_ns <= srs.nlos_max_ns, source, "srs.nlos_min_ns", srs.nlos_min_ns, || {
+        format!("at most srs.nlos_max_ns = {}", srs.nlos_max_ns)
+    })?;
+    require(users.altitude_m < fleet.altitude_m, source, "users.altitude_m", users.altitude_m, || {
+        format!("below fleet.altitude_m = {}", fleet.altitude_m)
+    })
+}
+
+/// The bounds of each value by itself.
+fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let Scenario {
+        name,
+        seed: _,
+        area,
+        fleet,
+        users,
+        srs,
+        clock,
+        gnss,
+        wind,
+        link,
+        battery,
+        mission,
+        limits: _,
+    } = scenario;
+    require(!name.trim().is_empty(), source, "name", "an empty name", || {
+        "a name for the results".to_owned()
+    })?;
+
+    let whole = |field: &str, value: u32, bounds: RangeInclusive<u32>| {
+        require(bounds.contains(&value), source, field, value, || {
+            format!("{} to {}", bounds.start(), bounds.end())
+        })
+    };
+    whole("fleet.drones", fleet.drones, 1..=u32::from(MAX_DRONES))?;
+    whole("srs.tick_hz", srs.tick_hz, 1_000_000..=u32::MAX)?;
+    whole("srs.max_per_second", srs.max_per_second, 1..=10_000)?;
+
+    for (field, value, max) in [
+        ("area.width_m", area.width_m, MAX_LENGTH_M),
+        ("area.height_m", area.height_m, MAX_LENGTH_M),
+        ("fleet.spacing_m", fleet.spacing_m, MAX_LENGTH_M),
+        ("fleet.radius_m", fleet.radius_m, MAX_LENGTH_M),
+        ("fleet.speed_mps", fleet.speed_mps, MAX_SHORT_M),
+        ("fleet.altitude_m", fleet.altitude_m, 10_000.0),
+        ("fleet.pad_spacing_m", fleet.pad_spacing_m, 1000.0),
+        ("fleet.d_safe_m", fleet.d_safe_m, MAX_SHORT_M),
+        ("fleet.max_accel_mps2", fleet.max_accel_mps2, 50.0),
+        ("srs.period_s", srs.period_s, 3600.0),
+        ("wind.gust_time_s", wind.gust_time_s, 3600.0),
+        ("link.share_period_s", link.share_period_s, 10.0),
+        ("battery.endurance_s", battery.endurance_s, MAX_TIME_S),
+        ("mission.time_s", mission.time_s, MAX_TIME_S),
+        ("mission.duration_s", mission.duration_s.unwrap_or(1.0), MAX_TIME_S),
+    ] {
+        require(value > 0.0 && value <= max, source, field, value, || {
+            format!("a number above 0 and up to {max}")
+        })?;
+    }
+
+    let [base_east_m, base_north_m] = fleet.base_m.unwrap_or_default();
+    for (field, value, bounds) in [
+        ("fleet.base_m", base_east_m, -MAX_LENGTH_M..=MAX_LENGTH_M),
+        ("fleet.base_m", base_north_m, -MAX_LENGTH_M..=MAX_LENGTH_M),
+        ("fleet.r_s_m", fleet.r_s_m, 0.0..=MAX_SHORT_M),
+        ("fleet.margin_m", fleet.margin_m, 0.0..=MAX_LENGTH_M),
+        ("users.density_per_km2", users.density_per_km2, 0.0..=10_000.0),
+        ("users.altitude_m", users.altitude_m, -1000.0..=10_000.0),
+        ("srs.sigma_toa_ns", srs.sigma_toa_ns, 0.0..=MAX_TIMING_NS),
+        ("srs.nlos_fraction", srs.nlos_fraction, 0.0..=1.0),
+        ("srs.nlos_min_ns", srs.nlos_min_ns, 0.0..=MAX_TIMING_NS),
+        ("srs.nlos_max_ns", srs.nlos_max_ns, 0.0..=MAX_TIMING_NS),
+        ("clock.offset_ns", clock.offset_ns, 0.0..=MAX_TIMING_NS),
+        ("clock.drift_ns_per_s", clock.drift_ns_per_s, 0.0..=10_000.0),
+        ("clock.walk_ns_per_sqrt_s", clock.walk_ns_per_sqrt_s, 0.0..=10_000.0),
+        ("gnss.sigma_m", gnss.sigma_m, 0.0..=100.0),
+        ("wind.mean_mps", wind.mean_mps, 0.0..=MAX_SHORT_M),
+        ("wind.direction_deg", wind.direction_deg, -360.0..=360.0),
+        ("wind.gust_sigma_mps", wind.gust_sigma_mps, 0.0..=MAX_SHORT_M),
+        ("link.delay_s", link.delay_s, 0.0..=10.0),
+        ("link.jitter_s", link.jitter_s, 0.0..=10.0),
+        ("link.loss_fraction", link.loss_fraction, 0.0..=1.0),
+        ("link.duplicate_fraction", link.duplicate_fraction, 0.0..=1.0),
+        ("link.reorder_fraction", link.reorder_fraction, 0.0..=1.0),
+        ("link.peer_delay_s", link.peer_delay_s, 0.0..=10.0),
+    ] {
+        in_bounds(source, field, value, bounds)?;
+    }
+    limits(scenario, source)
+}
+
+/// The acceptance limits that are stated.
+fn limits(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let limits = &scenario.limits;
+    for (field, value, bounds) in [
+        ("limits.coverage_fraction_min", limits.coverage_fraction_min, 0.0..=1.0),
+        ("limits.located_fraction_min", limits.located_fraction_min, 0.0..=1.0),
+        ("limits.in_r95_fraction_min", limits.in_r95_fraction_min, 0.0..=1.0),
+        ("limits.sweep_duration_max_s", limits.sweep_duration_max_s, 0.0..=MAX_TIME_S),
+        ("limits.r95_median_max_m", limits.r95_median_max_m, 0.0..=MAX_LENGTH_M),
+        ("limits.crlb_ratio_max", limits.crlb_ratio_max, 0.0..=MAX_LENGTH_M),
+        ("limits.formation_error_rms_max_m", limits.formation_error_rms_max_m, 0.0..=MAX_LENGTH_M),
+        ("limits.formation_error_max_m", limits.formation_error_max_m, 0.0..=MAX_LENGTH_M),
+    ] {
+        if let Some(value) = value {
+            in_bounds(source, field, value, bounds)?;
+        }
+    }
+    Ok(())
+}
+
+/// The triangle: far enough for safety, near enough for three disks to overlap.
+fn formation(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let fleet = &scenario.fleet;
+    let least_m = fleet.d_safe_m + 2.0 * fleet.r_s_m;
+    for (field, spacing_m) in
+        [("fleet.spacing_m", fleet.spacing_m), ("fleet.pad_spacing_m", fleet.pad_spacing_m)]
+    {
+        require(spacing_m > least_m, source, field, spacing_m, || {
+            format!("more than fleet.d_safe_m + 2 fleet.r_s_m = {least_m}")
+        })?;
+    }
+    // Beyond sqrt(3) R_C the three disks have no point in common: the domain that (2) lacks.
+    let most_m = 3_f64.sqrt() * fleet.radius_m;
+    require(fleet.spacing_m <= most_m, source, "fleet.spacing_m", fleet.spacing_m, || {
+        format!("at most sqrt(3) fleet.radius_m = {most_m:.3}, where the three disks still overlap")
+    })?;
+    let inscribed_m = fleet.radius_m - fleet.spacing_m / 3_f64.sqrt();
+    require(fleet.margin_m < inscribed_m, source, "fleet.margin_m", fleet.margin_m, || {
+        format!("less than the radius of the disk inside the overlap, {inscribed_m:.3}")
+    })
+}
+
+/// One positive share for each fleet, summing to 1.
+fn proportions(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    /// What shares written with a few decimals, such as three times 0.333333, may miss.
+    const SUM_TOLERANCE: f64 = 1e-5;
+    let field = "fleet.proportions";
+    let (Some(shares), fleets) = (&scenario.fleet.proportions, scenario.fleets()) else {
+        return Ok(());
+    };
+    require(shares.len() == fleets as usize, source, field, format!("{} shares", shares.len()), || {
+        format!("{fleets}, one for each fleet of three drones")
+    })?;
+    for &share in shares {
+        require(share > 0.0 && share <= 1.0, source, field, share, || {
+            "shares above 0 and up to 1".to_owned()
+        })?;
+    }
+    let sum: f64 = shares.iter().sum();
+    require((sum - 1.0).abs() <= SUM_TOLERANCE, source, field, format!("a sum of {sum}"), || {
+        "a sum of 1".to_owned()
+    })
+}
+
+/// A number between two bounds; NaN is between none.
+fn in_bounds(
+    source: &Source,
+    field: &str,
+    value: f64,
+    bounds: RangeInclusive<f64>,
+) -> Result<(), ScenarioError> {
+    require(bounds.contains(&value), source, field, value, || {
+        format!("a number from {} to {}", bounds.start(), bounds.end())
+    })
+}
+
+/// Complains about `field` unless `holds`.
+fn require(
+    holds: bool,
+    source: &Source,
+    field: &str,
+    found: impl Display,
+    expected: impl FnOnce() -> String,
+) -> Result<(), ScenarioError> {
+    if holds {
+        return Ok(());
+    }
+    Err(ScenarioError::Value {
+        place: source.place(field),
+        field: field.to_owned(),
+        found: found.to_string(),
+        expected: expected(),
+    })
+}

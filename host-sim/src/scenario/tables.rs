@@ -1,0 +1,376 @@
+//! The keys of a scenario and their defaults.
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// A whole scenario. Lengths are in metres in the local east-north-up frame of the area.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scenario {
+    /// Name in the results.
+    pub name: String,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// The area to sweep.
+    pub area: AreaTable,
+    /// The drones and how they fly.
+    pub fleet: FleetTable,
+    /// Whom to find.
+    pub users: UsersTable,
+    /// Sounding reference signals (SRS): when users are asked and how well arrivals are captured.
+    pub srs: SrsTable,
+    /// The drones' capture clocks.
+    pub clock: ClockTable,
+    /// What the drones know of their own position.
+    pub gnss: GnssTable,
+    /// The wind.
+    pub wind: WindTable,
+    /// The links between control center and drones, and among drones.
+    pub link: LinkTable,
+    /// The drones' batteries.
+    pub battery: BatteryTable,
+    /// How long it may take.
+    pub mission: MissionTable,
+    /// What a good mission reaches; missed limits make the command exit with 1.
+    pub limits: LimitsTable,
+}
+
+impl Default for Scenario {
+    fn default() -> Self {
+        Self {
+            name: "paper".to_owned(),
+            seed: 1,
+            area: AreaTable::default(),
+            fleet: FleetTable::default(),
+            users: UsersTable::default(),
+            srs: SrsTable::default(),
+            clock: ClockTable::default(),
+            gnss: GnssTable::default(),
+            wind: WindTable::default(),
+            link: LinkTable::default(),
+            battery: BatteryTable::default(),
+            mission: MissionTable::default(),
+            limits: LimitsTable::default(),
+        }
+    }
+}
+
+impl Scenario {
+    /// Number of fleets of three: floor(m / 3). The paper's (1) prints m mod 3, which is the number
+    /// of [`Scenario::reserves`].
+    #[must_use]
+    pub const fn fleets(&self) -> u32 {
+        self.fleet.drones / 3
+    }
+
+    /// Drones left over from the fleets; they join in the second stage.
+    #[must_use]
+    pub const fn reserves(&self) -> u32 {
+        self.fleet.drones % 3
+    }
+}
+
+/// The area: a file, or a rectangle whose south-west corner is the local origin.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AreaTable {
+    /// File with the polygon, relative to the scenario file.
+    pub file: Option<PathBuf>,
+    /// East-west side of the rectangle, without a file.
+    pub width_m: f64,
+    /// North-south side of the rectangle, without a file.
+    pub height_m: f64,
+}
+
+impl Default for AreaTable {
+    fn default() -> Self {
+        Self { file: None, width_m: 10_000.0, height_m: 10_000.0 }
+    }
+}
+
+/// The drones and how they fly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FleetTable {
+    /// Number of drones (the paper's m): fleets of three, the rest in reserve.
+    pub drones: u32,
+    /// Side of a fleet's triangle (the paper's d).
+    pub spacing_m: f64,
+    /// Coverage radius of a drone on the ground (the paper's `R_C`).
+    pub radius_m: f64,
+    /// Cruise speed (the paper's v).
+    pub speed_mps: f64,
+    /// Altitude of flight above the local origin.
+    pub altitude_m: f64,
+    /// How a fleet's triangle turns with the track.
+    pub orientation: Orientation,
+    /// Share of each fleet, summing to 1; equal shares without it.
+    pub proportions: Option<Vec<f64>>,
+    /// How the area is shared among the fleets.
+    pub split: SplitMode,
+    /// East and north of the first take-off pad; without it the area's corner furthest to the
+    /// south-west (least east + north).
+    pub base_m: Option<[f64; 2]>,
+    /// Distance between neighbouring pads.
+    pub pad_spacing_m: f64,
+    /// Separation that is never to be broken (the paper's `d_safe`).
+    pub d_safe_m: f64,
+    /// Error radius of a shared position (the paper's `r_s`).
+    pub r_s_m: f64,
+    /// Largest acceleration.
+    pub max_accel_mps2: f64,
+    /// What the sweep leaves of the overlap region's radius to the formation's flying error.
+    pub margin_m: f64,
+}
+
+impl Default for FleetTable {
+    fn default() -> Self {
+        Self {
+            drones: 6,
+            spacing_m: 50.0,
+            radius_m: 500.0,
+            speed_mps: 10.0,
+            altitude_m: 300.0,
+            orientation: Orientation::Fixed,
+            proportions: None,
+            split: SplitMode::Auto,
+            base_m: None,
+            pad_spacing_m: 20.0,
+            d_safe_m: 10.0,
+            r_s_m: 2.0,
+            max_accel_mps2: 3.0,
+            margin_m: 3.0,
+        }
+    }
+}
+
+/// How a fleet's triangle turns with the track.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Orientation {
+    /// It keeps its orientation, so that no drone flies a longer way in a turn.
+    #[default]
+    Fixed,
+    /// It turns with the track.
+    AlongTrack,
+}
+
+/// How the area is shared among the fleets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SplitMode {
+    /// Whichever of the other two is flown sooner.
+    #[default]
+    Auto,
+    /// A convex sub-area of its own for each fleet (the paper's).
+    Area,
+    /// One zigzag over the whole area, cut by length.
+    Length,
+}
+
+/// Whom to find: a file, or users strewn at random.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UsersTable {
+    /// File with the users' true positions, relative to the scenario file.
+    pub file: Option<PathBuf>,
+    /// Mean number of users per square kilometre, without a file.
+    pub density_per_km2: f64,
+    /// Altitude of every user above the local origin.
+    pub altitude_m: f64,
+}
+
+impl Default for UsersTable {
+    fn default() -> Self {
+        Self { file: None, density_per_km2: 5.0, altitude_m: 0.0 }
+    }
+}
+
+/// SRS: when users are asked and how well arrivals are captured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SrsTable {
+    /// Time between two requests to one user.
+    pub period_s: f64,
+    /// Standard deviation of a captured arrival time.
+    pub sigma_toa_ns: f64,
+    /// Ticks a second of the capture timer; 983.04 MHz is a tick of 2 T_c (TS 38.211 4.1).
+    pub tick_hz: u32,
+    /// Fraction of captures that are late because the direct path was blocked (NLOS).
+    pub nlos_fraction: f64,
+    /// Least lateness of such a capture.
+    pub nlos_min_ns: f64,
+    /// Greatest lateness of such a capture.
+    pub nlos_max_ns: f64,
+    /// Most requests that a fleet's serving drone makes in a second.
+    pub max_per_second: u32,
+}
+
+impl Default for SrsTable {
+    fn default() -> Self {
+        Self {
+            period_s: 1.0,
+            sigma_toa_ns: 5.0,
+            tick_hz: 983_040_000,
+            nlos_fraction: 0.05,
+            nlos_min_ns: 100.0,
+            nlos_max_ns: 1000.0,
+            max_per_second: 100,
+        }
+    }
+}
+
+/// The drones' capture clocks against GNSS time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ClockTable {
+    /// Offsets at the start are drawn evenly from plus or minus this.
+    pub offset_ns: f64,
+    /// Drifts are drawn evenly from plus or minus this.
+    pub drift_ns_per_s: f64,
+    /// Random walk of the offset.
+    pub walk_ns_per_sqrt_s: f64,
+}
+
+impl Default for ClockTable {
+    fn default() -> Self {
+        Self { offset_ns: 200.0, drift_ns_per_s: 5.0, walk_ns_per_sqrt_s: 0.1 }
+    }
+}
+
+/// What the drones know of their own position.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GnssTable {
+    /// How the error behaves.
+    pub mode: GnssMode,
+    /// Standard deviation of each coordinate.
+    pub sigma_m: f64,
+}
+
+impl Default for GnssTable {
+    fn default() -> Self {
+        Self { mode: GnssMode::Rtk, sigma_m: 0.02 }
+    }
+}
+
+/// How the GNSS error behaves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GnssMode {
+    /// Carrier phase with corrections: centimetres, new at every fix.
+    #[default]
+    Rtk,
+    /// Code phase alone: metres, constant over a pass.
+    Standalone,
+}
+
+/// The wind: a mean and gusts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WindTable {
+    /// Mean speed.
+    pub mean_mps: f64,
+    /// Direction the mean wind blows from, clockwise from north.
+    pub direction_deg: f64,
+    /// Standard deviation of the gusts in each horizontal direction.
+    pub gust_sigma_mps: f64,
+    /// Time over which a gust persists (correlation time).
+    pub gust_time_s: f64,
+}
+
+impl Default for WindTable {
+    fn default() -> Self {
+        Self { mean_mps: 3.0, direction_deg: 270.0, gust_sigma_mps: 1.0, gust_time_s: 10.0 }
+    }
+}
+
+/// The links: control center to drone and back, and between drones of a fleet.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LinkTable {
+    /// Least delay of a frame.
+    pub delay_s: f64,
+    /// Further delay, drawn evenly from 0 to this.
+    pub jitter_s: f64,
+    /// Fraction of frames lost.
+    pub loss_fraction: f64,
+    /// Fraction of frames that arrive twice.
+    pub duplicate_fraction: f64,
+    /// Fraction of frames held back so that later ones overtake them.
+    pub reorder_fraction: f64,
+    /// Time between two states that a drone shares for collision avoidance.
+    pub share_period_s: f64,
+    /// Delay of a frame between drones of a fleet.
+    pub peer_delay_s: f64,
+}
+
+impl Default for LinkTable {
+    fn default() -> Self {
+        Self {
+            delay_s: 0.08,
+            jitter_s: 0.04,
+            loss_fraction: 0.0,
+            duplicate_fraction: 0.0,
+            reorder_fraction: 0.0,
+            share_period_s: 0.1,
+            peer_delay_s: 0.02,
+        }
+    }
+}
+
+/// The drones' batteries.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BatteryTable {
+    /// Time of flight on a full charge.
+    pub endurance_s: f64,
+}
+
+impl Default for BatteryTable {
+    fn default() -> Self {
+        Self { endurance_s: 14_400.0 }
+    }
+}
+
+/// How long it may take.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MissionTable {
+    /// Time that the sweep may take (the paper's mission time, 100 minutes).
+    pub time_s: f64,
+    /// Simulated time at which the mission is cut off wherever it stands.
+    pub duration_s: Option<f64>,
+}
+
+impl Default for MissionTable {
+    fn default() -> Self {
+        Self { time_s: 6000.0, duration_s: None }
+    }
+}
+
+/// Acceptance limits; one that is not stated is not judged.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LimitsTable {
+    /// Least fraction of the area that the track flown covered.
+    pub coverage_fraction_min: Option<f64>,
+    /// Longest sweep.
+    pub sweep_duration_max_s: Option<f64>,
+    /// Least fraction of the users located.
+    pub located_fraction_min: Option<f64>,
+    /// Least fraction of the located users that truly lie within their `r95_m`.
+    pub in_r95_fraction_min: Option<f64>,
+    /// Greatest median of `r95_m`.
+    pub r95_median_max_m: Option<f64>,
+    /// Greatest error against the Cramer-Rao bound.
+    pub crlb_ratio_max: Option<f64>,
+    /// Least number of users served although their position is uncertain.
+    pub served_guaranteed_min: Option<u32>,
+    /// Most separations below `fleet.d_safe_m`.
+    pub violations_max: Option<u32>,
+    /// Greatest root mean square of a drone's distance from its place in the formation.
+    pub formation_error_rms_max_m: Option<f64>,
+    /// Greatest distance of a drone from its place in the formation.
+    pub formation_error_max_m: Option<f64>,
+}
