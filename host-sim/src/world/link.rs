@@ -158,19 +158,22 @@ struct Fate {
 
 impl Fate {
     fn draw(rng: &mut ChaCha8Rng) -> Self {
+        let [a, b, c, d] = std::array::from_fn(|_| rng.next_u64());
+        let (low, high) = (|x| x as u32, |x: u64| (x >> 32) as u32);
         Self {
-            jitter: rng.next_u32(),
-            copy_jitter: rng.next_u32(),
-            held_up: rng.next_u32(),
-            loss: rng.next_u32(),
-            duplication: rng.next_u32(),
-            reordering: rng.next_u32(),
-            corruption: rng.next_u32(),
+            jitter: low(a),
+            copy_jitter: high(a),
+            held_up: low(b),
+            loss: high(b),
+            duplication: low(c),
+            reordering: high(c),
+            corruption: low(d),
         }
     }
 }
 
 /// Whether a draw falls below a probability: never at 0, always at 1.
+#[inline]
 fn hits(draw: u32, probability: f64) -> bool {
     f64::from(draw) < probability * (1_u64 << 32) as f64
 }

@@ -18,8 +18,8 @@ pub mod users;
 pub mod vehicle;
 pub mod wind;
 
-/// A parameter out of its range. Constructors assert what [`require`] checks, so whoever reads
-/// parameters from outside calls the config's `check` first and adds the file and line.
+/// A parameter out of its range. Every config has a `check` that finds the first one; whoever reads
+/// parameters from outside calls it and adds the file and line. Constructors assert it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{field}: found {found}, expected {expected}")]
 pub struct ConfigError {

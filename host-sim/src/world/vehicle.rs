@@ -445,8 +445,8 @@ mod tests {
 
         #[test]
         fn every_reachable_setpoint_is_reached_in_any_steady_wind(
-            speed in 0.0..10.0_f64, heading in 0.0..6.28_f64, climb in 0.0..2.9_f64,
-            wind_speed in 0.0..8.0_f64, from in 0.0..6.28_f64,
+            speed in 0.0..10.0_f64, heading in 0.0..std::f64::consts::TAU, climb in 0.0..2.9_f64,
+            wind_speed in 0.0..8.0_f64, from in 0.0..std::f64::consts::TAU,
         ) {
             let setpoint = V3::new(speed * heading.cos(), speed * heading.sin(), climb);
             let wind = V3::new(from.cos(), from.sin(), 0.0) * wind_speed;
