@@ -1,1 +1,520 @@
-//! Work in progress.
+//! Stage one: who sweeps what, and along which lanes (the paper's Section 3.1 and Table 1).
+//!
+//! The sweep runs parallel to the edge across which the area is narrowest. The fleets either get sub-areas
+//! cut parallel to the sweep (the paper's way) or share one zigzag over the whole area, cut by flying
+//! time; the second way needs fewer lanes in all, because only one width is rounded up to whole swaths.
+
+mod cut;
+mod lanes;
+mod timing;
+
+use serde::Serialize;
+use thiserror::Error;
+
+use crate::geometry::V2;
+use crate::geometry::coverage::{Stadium, covered};
+use crate::geometry::polygon::{Polygon, clip, extent};
+use lanes::{Lane, lanes, zigzag};
+use timing::{Timing, length_m, part};
+
+/// More lanes than this are taken for a mistake in the radius or in the area's unit.
+const MAX_LANES: f64 = 10_000.0;
+
+/// Proportions may miss 1 by this much (rounded decimals); they are scaled to sum to 1 exactly.
+const PROPORTION_SLACK: f64 = 1e-6;
+
+/// How the fleets share the work.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SplitMode {
+    /// Sub-areas by area proportion, each with its own zigzag.
+    Area,
+    /// One zigzag over the whole area, cut by flying time.
+    Length,
+    /// Whichever way lets the slowest fleet end first; by area when it makes no difference.
+    #[default]
+    Auto,
+}
+
+/// How a fleet flies around a corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CornerModel {
+    /// Acceleration and braking, metres per second squared.
+    pub max_accel_mps2: f64,
+    /// Speed at the corner itself, metres per second; at or above cruise no time is lost.
+    pub corner_speed_mps: f64,
+}
+
+/// What to plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepRequest {
+    /// Number of fleets of three drones.
+    pub fleets: usize,
+    /// Each fleet's share, of the area or of the flying time; positive, summing to 1.
+    pub proportions: Vec<f64>,
+    /// How to share the work.
+    pub split: SplitMode,
+    /// Coverage radius of one drone (the paper's `R_C`), metres.
+    pub radius_m: f64,
+    /// Side of the fleet's triangle (the paper's d), metres.
+    pub spacing_m: f64,
+    /// Cruise speed, metres per second.
+    pub speed_mps: f64,
+    /// How corners are flown.
+    pub corner: CornerModel,
+    /// How far a fleet may stray from its lane without leaving a gap, metres.
+    pub margin_m: f64,
+    /// Where each fleet comes from; decides at which end of its path it begins.
+    pub entry_m: Option<Vec<V2>>,
+}
+
+/// One fleet's part of the sweep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SubArea {
+    /// The fleet, from 0.
+    pub fleet: usize,
+    /// Its share of the area, or of the flying time.
+    pub proportion: f64,
+    /// Its sub-area; none where the fleets share one zigzag.
+    pub polygon: Option<Polygon>,
+    /// The way of the centre of its overlap disk, corner by corner.
+    pub path_m: Vec<V2>,
+    /// Length of that way, metres.
+    pub length_m: f64,
+    /// Changes from one lane to the next (two corners each). A change flown by two fleets counts for both.
+    pub turns: usize,
+    /// Flying time: cruise plus what the corners cost, without the way to the first lane, seconds.
+    pub duration_s: f64,
+    /// Share of the fleet's own part that its path covers: of its sub-area, or of the strips of its lanes
+    /// up to the cuts.
+    pub covered_fraction: f64,
+}
+
+/// A sweep of the whole area.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepPlan {
+    /// The way of sharing used, never `Auto`.
+    pub split: SplitMode,
+    /// Direction of the lanes, from east, in [0, pi).
+    pub direction_rad: f64,
+    /// Least width of the area, metres; the lanes run across it.
+    pub width_m: f64,
+    /// Diameter of the disk that the fleet's overlap region holds in any orientation, metres. Lanes are
+    /// at most this less two margins apart.
+    pub swath_m: f64,
+    /// The margin planned with, metres.
+    pub margin_m: f64,
+    /// The fleets' parts, in the order of the fleets.
+    pub sub_areas: Vec<SubArea>,
+    /// Share of the area that all paths together cover.
+    pub covered_fraction: f64,
+}
+
+impl SweepPlan {
+    /// Flying time of the slowest fleet, seconds.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.sub_areas.iter().map(|s| s.duration_s).fold(0.0, f64::max)
+    }
+}
+
+/// Why there is no plan.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum SweepError {
+    /// There is nobody to sweep.
+    #[error("found 0 fleets, expected at least 1")]
+    NoFleet,
+    /// A list that does not have one entry per fleet.
+    #[error("found {found} {what} for {fleets} fleets, expected one for each")]
+    Count {
+        /// The list.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The number of fleets.
+        fleets: usize,
+    },
+    /// A number out of its domain.
+    #[error("{name} is {found}, expected {expected}")]
+    Number {
+        /// The field.
+        name: String,
+        /// Its value.
+        found: f64,
+        /// The domain.
+        expected: &'static str,
+    },
+    /// Proportions that do not share out the whole.
+    #[error("the proportions sum to {found}, expected 1")]
+    ProportionSum {
+        /// Their sum.
+        found: f64,
+    },
+    /// A share too small to be cut off.
+    #[error("proportion {proportion} of fleet {fleet} leaves it no area, expected a larger share")]
+    ShareTooSmall {
+        /// The fleet, from 0.
+        fleet: usize,
+        /// Its share.
+        proportion: f64,
+    },
+    /// The disks of a fleet overlap too little.
+    #[error(
+        "a radius of {radius_m} m and a spacing of {spacing_m} m with a margin of {margin_m} m leave no \
+         swath: expected radius > spacing / sqrt(3) + margin"
+    )]
+    NoSwath {
+        /// Coverage radius, metres.
+        radius_m: f64,
+        /// Side of the fleet's triangle, metres.
+        spacing_m: f64,
+        /// Margin, metres.
+        margin_m: f64,
+    },
+    /// The area has a corner that points inwards.
+    #[error(
+        "the area is not convex at ({x_m:.1} m, {y_m:.1} m): expected a convex area; cut it in two there, \
+         or take its convex hull"
+    )]
+    NotConvex {
+        /// East coordinate of the corner, metres.
+        x_m: f64,
+        /// North coordinate, metres.
+        y_m: f64,
+    },
+    /// The area is smaller than a swath, along the sweep and across.
+    #[error(
+        "the area measures {length_m:.1} m by {width_m:.1} m, expected more than one swath of \
+         {swath_m:.1} m in at least one direction"
+    )]
+    AreaTooSmall {
+        /// Extent along the sweep, metres.
+        length_m: f64,
+        /// Extent across, metres.
+        width_m: f64,
+        /// Diameter that a fleet covers without moving, metres.
+        swath_m: f64,
+    },
+    /// The area is larger than any that is meant.
+    #[error(
+        "an area {width_m:.0} m wide takes {lanes:.0} lanes of {swath_m} m, expected at most {MAX_LANES}"
+    )]
+    TooManyLanes {
+        /// Least width of the area, metres.
+        width_m: f64,
+        /// Greatest distance between lanes, metres.
+        swath_m: f64,
+        /// Lanes it would take.
+        lanes: f64,
+    },
+}
+
+/// Plans the sweep of a convex area.
+///
+/// # Assumptions
+/// Each fleet keeps its triangle, so it covers at least the disk of radius `R - d / sqrt(3)` around its
+/// centre, whichever way the triangle points. Lanes run straight; a lane ends where its disk already
+/// reaches the border, and where the border is oblique it may end outside of the area by less than the
+/// height of a strip.
+///
+/// # Small areas
+/// An area whose extents along and across the sweep are both less than a swath is refused: there is
+/// nothing to sweep (any area that one position covers is among these). A long area narrower than a
+/// swath is one lane.
+///
+/// # Errors
+/// [`SweepError`] names the field, what was found and what is expected.
+pub fn plan(polygon: &Polygon, request: &SweepRequest) -> Result<SweepPlan, SweepError> {
+    let proportions = check(request)?;
+    if let Some(corner) = polygon.first_reflex_m() {
+        return Err(SweepError::NotConvex { x_m: corner.x, y_m: corner.y });
+    }
+    let radius_m = request.radius_m - request.spacing_m / 3f64.sqrt();
+    let (swath_m, lane_swath_m) = (2.0 * radius_m, 2.0 * (radius_m - request.margin_m));
+    if lane_swath_m <= 0.0 {
+        let SweepRequest { radius_m, spacing_m, margin_m, .. } = *request;
+        return Err(SweepError::NoSwath { radius_m, spacing_m, margin_m });
+    }
+    let narrowest = polygon.min_width();
+    let frame = SweepFrame::new(polygon, narrowest.direction_rad);
+    let area = polygon.moved(|p| frame.inward(p));
+    let [west, east] = extent(area.vertices_m(), V2::x());
+    let (length_m, width_m) = (east - west, narrowest.width_m);
+    if length_m < swath_m && width_m < swath_m {
+        return Err(SweepError::AreaTooSmall { length_m, width_m, swath_m });
+    }
+    let lanes = (width_m / lane_swath_m).ceil();
+    if lanes > MAX_LANES {
+        return Err(SweepError::TooManyLanes { width_m, swath_m: lane_swath_m, lanes });
+    }
+    let planner = Planner {
+        area,
+        proportions,
+        lane_swath_m,
+        radius_m,
+        speed_mps: request.speed_mps,
+        timing: Timing::new(request.speed_mps, &request.corner),
+        entry_m: request.entry_m.iter().flatten().map(|&p| frame.inward(p)).collect(),
+    };
+    let (split, mut sub_areas) = match request.split {
+        SplitMode::Area => (SplitMode::Area, planner.by_area()?),
+        SplitMode::Length => (SplitMode::Length, planner.by_length()),
+        SplitMode::Auto => planner.faster()?,
+    };
+    for s in &mut sub_areas {
+        s.path_m.iter_mut().for_each(|p| *p = frame.outward(*p));
+        s.polygon = s.polygon.take().map(|polygon| polygon.moved(|p| frame.outward(p)));
+    }
+    let track: Vec<Stadium> = sub_areas.iter().flat_map(|s| swept(&s.path_m, radius_m)).collect();
+    let covered_fraction = covered(polygon, &track).covered_fraction;
+    let (direction_rad, margin_m) = (narrowest.direction_rad, request.margin_m);
+    Ok(SweepPlan { split, direction_rad, width_m, swath_m, margin_m, sub_areas, covered_fraction })
+}
+
+/// Checks the request and returns the proportions, scaled to sum to 1.
+fn check(request: &SweepRequest) -> Result<Vec<f64>, SweepError> {
+    let fleets = request.fleets;
+    if fleets == 0 {
+        return Err(SweepError::NoFleet);
+    }
+    let count =
+        |what, found| if found == fleets { Ok(()) } else { Err(SweepError::Count { what, found, fleets }) };
+    count("proportions", request.proportions.len())?;
+    count("entry points", request.entry_m.as_ref().map_or(fleets, Vec::len))?;
+    let number = |name: &str, found: f64, good: bool, expected| {
+        if good && found.is_finite() {
+            Ok(())
+        } else {
+            Err(SweepError::Number { name: name.into(), found, expected })
+        }
+    };
+    let positive = |name: &str, x: f64| number(name, x, x > 0.0, "a finite number above 0");
+    let not_negative = |name: &str, x: f64| number(name, x, x >= 0.0, "a finite number, 0 or more");
+    positive("radius_m", request.radius_m)?;
+    not_negative("spacing_m", request.spacing_m)?;
+    positive("speed_mps", request.speed_mps)?;
+    positive("max_accel_mps2", request.corner.max_accel_mps2)?;
+    not_negative("corner_speed_mps", request.corner.corner_speed_mps)?;
+    not_negative("margin_m", request.margin_m)?;
+    for (i, &p) in request.proportions.iter().enumerate() {
+        positive(&format!("proportion {}", i + 1), p)?;
+    }
+    for (i, p) in request.entry_m.iter().flatten().enumerate() {
+        number(&format!("x_m of entry point {}", i + 1), p.x, true, "a finite number")?;
+        number(&format!("y_m of entry point {}", i + 1), p.y, true, "a finite number")?;
+    }
+    let found: f64 = request.proportions.iter().sum();
+    if (found - 1.0).abs() > PROPORTION_SLACK {
+        return Err(SweepError::ProportionSum { found });
+    }
+    Ok(request.proportions.iter().map(|p| p / found).collect())
+}
+
+/// Local coordinates turned so that the lanes run along x.
+struct SweepFrame {
+    centre: V2,
+    along: V2,
+}
+
+impl SweepFrame {
+    fn new(polygon: &Polygon, direction_rad: f64) -> Self {
+        let [min, max] = polygon.bbox_m();
+        Self { centre: (min + max) / 2.0, along: V2::new(direction_rad.cos(), direction_rad.sin()) }
+    }
+
+    fn across(&self) -> V2 {
+        V2::new(-self.along.y, self.along.x)
+    }
+
+    fn inward(&self, p: V2) -> V2 {
+        V2::new(self.along.dot(&(p - self.centre)), self.across().dot(&(p - self.centre)))
+    }
+
+    fn outward(&self, p: V2) -> V2 {
+        self.centre + self.along * p.x + self.across() * p.y
+    }
+}
+
+/// What the two ways of sharing need to know; all in the sweep frame.
+struct Planner {
+    area: Polygon,
+    proportions: Vec<f64>,
+    lane_swath_m: f64,
+    radius_m: f64,
+    speed_mps: f64,
+    timing: Timing,
+    /// Empty when nothing is known about where the fleets come from.
+    entry_m: Vec<V2>,
+}
+
+impl Planner {
+    /// The paper's way: sub-areas by proportion, a zigzag each.
+    fn by_area(&self) -> Result<Vec<SubArea>, SweepError> {
+        let cuts_m = cut::cut_heights_m(&self.area, &self.proportions);
+        let parts = cut::parts(&self.area, &cuts_m);
+        self.proportions
+            .iter()
+            .zip(parts)
+            .enumerate()
+            .map(|(fleet, (&proportion, part))| {
+                let part = part.ok_or(SweepError::ShareTooSmall { fleet, proportion })?;
+                let lanes = lanes(&part, self.lane_swath_m);
+                let [forth, mirrored] = [true, false].map(|from_west| zigzag(&lanes, from_west));
+                let ways = [&forth, &mirrored].into_iter().flat_map(|way| [way.clone(), reversed(way)]);
+                let path_m = least(ways, |way| self.end_s(fleet, way));
+                let covered_fraction = covered(&part, &swept(&path_m, self.radius_m)).covered_fraction;
+                let turns = lanes.len() - 1;
+                Ok(self.sub_area(fleet, Some(part), path_m, turns, covered_fraction))
+            })
+            .collect()
+    }
+
+    /// One zigzag over the whole area, each fleet flying the next part of it. All fleets fly the same way
+    /// along, so that no two of them ever head for the same cut.
+    fn by_length(&self) -> Vec<SubArea> {
+        let lanes = lanes(&self.area, self.lane_swath_m);
+        let shared = [true, false].map(|from_west| {
+            let way = zigzag(&lanes, from_west);
+            let cuts_m = self.timing.cuts_m(&way, &self.proportions);
+            (way, cuts_m)
+        });
+        let ways = shared.iter().flat_map(|(way, cuts_m)| [(way, cuts_m, false), (way, cuts_m, true)]);
+        let paths = |&(way, cuts_m, backwards): &(&Vec<V2>, &Vec<f64>, bool)| -> Vec<Vec<V2>> {
+            let starts = [0.0].into_iter().chain(cuts_m.iter().copied());
+            let parts = starts.zip(cuts_m).map(|(from_m, &to_m)| part(way, from_m, to_m));
+            parts.map(|p| if backwards { reversed(&p) } else { p }).collect()
+        };
+        let best = least(ways, |way| {
+            let ends = paths(way).into_iter().enumerate().map(|(fleet, path_m)| self.end_s(fleet, &path_m));
+            ends.fold(0.0, f64::max)
+        });
+        let mut from_m = 0.0;
+        let mut sub_areas = Vec::with_capacity(self.proportions.len());
+        for ((fleet, path_m), &to_m) in paths(&best).into_iter().enumerate().zip(best.1) {
+            let served = served(&lanes, best.0, from_m, to_m);
+            let covered_fraction = covered_share(&served.strips_m, &swept(&path_m, self.radius_m));
+            sub_areas.push(self.sub_area(fleet, None, path_m, served.turns, covered_fraction));
+            from_m = to_m;
+        }
+        sub_areas
+    }
+
+    fn faster(&self) -> Result<(SplitMode, Vec<SubArea>), SweepError> {
+        let slowest_s = |sub_areas: &[SubArea]| {
+            sub_areas.iter().map(|s| self.end_s(s.fleet, &s.path_m)).fold(0.0, f64::max)
+        };
+        let (area, length) = (self.by_area()?, self.by_length());
+        let gains = slowest_s(&length) < slowest_s(&area) * (1.0 - 1e-9);
+        Ok(if gains { (SplitMode::Length, length) } else { (SplitMode::Area, area) })
+    }
+
+    /// When a fleet is done: the straight way from its entry point, where that is known, and its path.
+    fn end_s(&self, fleet: usize, path_m: &[V2]) -> f64 {
+        let transit_m = match (self.entry_m.get(fleet), path_m.first()) {
+            (Some(entry_m), Some(start_m)) => (start_m - entry_m).norm(),
+            _ => 0.0,
+        };
+        transit_m / self.speed_mps + self.timing.duration_s(path_m)
+    }
+
+    fn sub_area(
+        &self,
+        fleet: usize,
+        polygon: Option<Polygon>,
+        path_m: Vec<V2>,
+        turns: usize,
+        covered_fraction: f64,
+    ) -> SubArea {
+        SubArea {
+            fleet,
+            proportion: self.proportions[fleet],
+            polygon,
+            length_m: length_m(&path_m),
+            turns,
+            duration_s: self.timing.duration_s(&path_m),
+            covered_fraction,
+            path_m,
+        }
+    }
+}
+
+/// What a part of the shared zigzag serves.
+#[derive(Default)]
+struct Served {
+    strips_m: Vec<Vec<V2>>,
+    turns: usize,
+}
+
+/// The strips, or parts of strips, of the lanes between two cuts.
+fn served(lanes: &[Lane], way_m: &[V2], from_m: f64, to_m: f64) -> Served {
+    const SLACK_M: f64 = 1e-6;
+    let mut served = Served::default();
+    let mut at_m = 0.0;
+    let mut rest = way_m;
+    for (i, lane) in lanes.iter().enumerate() {
+        let corners = if lane.west_m == lane.east_m { 1 } else { 2 };
+        let (leg, after) = rest.split_at(corners);
+        let (start_m, end_m) = (at_m, at_m + length_m(leg));
+        if start_m <= to_m + SLACK_M && end_m >= from_m - SLACK_M {
+            let mut strip_m = lane.strip_m.clone();
+            let along = (leg[corners - 1] - leg[0]).try_normalize(0.0).unwrap_or_else(V2::x);
+            let cut = |s_m: f64| along.dot(&leg[0]) + s_m - start_m;
+            if to_m < end_m - SLACK_M {
+                strip_m = clip(&strip_m, along, cut(to_m));
+            }
+            if from_m > start_m + SLACK_M {
+                strip_m = clip(&strip_m, -along, -cut(from_m));
+            }
+            served.strips_m.push(strip_m);
+        }
+        if let Some(&next) = after.first() {
+            at_m = end_m + (next - leg[corners - 1]).norm();
+            // The change to the next lane, if any of it lies between the cuts.
+            served.turns +=
+                usize::from(i + 1 < lanes.len() && end_m < to_m - SLACK_M && at_m > from_m + SLACK_M);
+        }
+        rest = after;
+    }
+    served
+}
+
+/// Share of some rings' area that a track covers.
+fn covered_share(rings_m: &[Vec<V2>], track: &[Stadium]) -> f64 {
+    let (mut area_m2, mut uncovered_m2) = (0.0, 0.0);
+    for polygon in rings_m.iter().filter_map(|ring| Polygon::new(ring).ok()) {
+        area_m2 += polygon.area_m2();
+        uncovered_m2 += covered(&polygon, track).uncovered_area_m2;
+    }
+    if area_m2 > 0.0 { 1.0 - uncovered_m2 / area_m2 } else { 1.0 }
+}
+
+/// The stadiums that a disk sweeps over along a path.
+fn swept(path_m: &[V2], radius_m: f64) -> Vec<Stadium> {
+    match path_m {
+        [only] => vec![Stadium { a: *only, b: *only, radius_m }],
+        _ => path_m.windows(2).map(|w| Stadium { a: w[0], b: w[1], radius_m }).collect(),
+    }
+}
+
+fn reversed(path_m: &[V2]) -> Vec<V2> {
+    path_m.iter().rev().copied().collect()
+}
+
+/// The item of least cost; the first of those that differ by no more than rounding.
+///
+/// # Panics
+/// If there is no item.
+fn least<T>(items: impl Iterator<Item = T>, cost: impl Fn(&T) -> f64) -> T {
+    let mut best: Option<(f64, T)> = None;
+    for item in items {
+        let found = cost(&item);
+        if best.as_ref().is_none_or(|(lowest, _)| found < lowest * (1.0 - 1e-12)) {
+            best = Some((found, item));
+        }
+    }
+    let Some((_, item)) = best else { panic!("there is always a way to choose from") };
+    item
+}
+
+#[cfg(test)]
+mod tests;
