@@ -129,6 +129,7 @@ pub fn decode(bytes: &[u8]) -> Result<(Header, Message), DecodeError> {
 }
 
 /// The message that is exactly `body`.
+#[inline(always)]
 fn decode_body<B: Body>(body: &[u8]) -> Result<B, DecodeError> {
     let mut input = Reader::new(body);
     let message = B::read(&mut input).map_err(|_| DecodeError::Body)?;

@@ -117,6 +117,7 @@ impl StreamDecoder {
     ///
     /// # Errors
     /// A [`StreamError`] for each damaged frame; the next frame is found regardless.
+    #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], StreamError>> {
         if byte == 0 {
             return self.finish();
