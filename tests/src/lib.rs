@@ -1,1 +1,5 @@
-//! Whole-mission tests live in `tests/tests/`.
+//! What the whole-mission tests in `tests/tests/` share.
+#![forbid(unsafe_code)]
+
+pub mod report_check;
+pub mod webdriver;

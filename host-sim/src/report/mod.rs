@@ -1,5 +1,6 @@
 //! What a run leaves for people to look at.
 
+pub mod html;
 pub mod limits;
 pub mod summary;
 mod summary_text;

@@ -1,0 +1,114 @@
+// The ground: grid, area, sub-areas, planned lanes, and what stayed uncovered.
+
+const GRID_MOST_PX = 150;
+const SCALE_MOST_PX = 150;
+
+/** The largest 1, 2 or 5 times a power of ten that is at most `x`. */
+function roundDown(x) {
+  const power = 10 ** Math.floor(Math.log10(x));
+  return [5, 2, 1].find((digit) => digit * power <= x) * power;
+}
+
+function drawGround(layer, shown) {
+  if (!isStale(layer, `${view.version}|${shown.plan}|${shown.uncovered}|${shown.grid}`)) return;
+  const { pen } = layer;
+  drawArea(pen);
+  if (shown.grid) drawGrid(pen);
+  outlineArea(pen);
+  if (shown.plan) drawPlan(pen);
+  if (shown.uncovered) drawUncovered(pen);
+  drawScale();
+}
+
+function drawArea(pen) {
+  pen.beginPath();
+  tracePolygon(pen, data.area_m);
+  pen.fillStyle = theme["map-area"];
+  pen.fill();
+  for (const { fleet, polygon_m } of data.sub_areas) {
+    if (!polygon_m) continue;
+    pen.beginPath();
+    tracePolygon(pen, polygon_m);
+    pen.fillStyle = fleetColour(fleet);
+    pen.globalAlpha = 0.06;
+    pen.fill();
+    pen.globalAlpha = 1;
+    pen.strokeStyle = fleetColour(fleet);
+    pen.lineWidth = 1;
+    pen.setLineDash([2, 4]);
+    pen.stroke();
+    pen.setLineDash([]);
+  }
+}
+
+function outlineArea(pen) {
+  pen.beginPath();
+  tracePolygon(pen, data.area_m);
+  pen.strokeStyle = theme.outline;
+  pen.lineWidth = 1.5;
+  pen.stroke();
+}
+
+function drawGrid(pen) {
+  const step = roundDown(GRID_MOST_PX / view.px_per_m);
+  const [west_m, north_m] = toGround(0, 0);
+  const [east_m, south_m] = toGround(view.width_px, view.height_px);
+  pen.strokeStyle = theme.grid;
+  pen.fillStyle = theme.muted;
+  pen.lineWidth = 1;
+  pen.font = `11px ${getComputedStyle(document.body).fontFamily}`;
+  pen.textBaseline = "top";
+  pen.textAlign = "center";
+  pen.beginPath();
+  for (let i = Math.ceil(west_m / step); i * step <= east_m; i += 1) {
+    const x_px = Math.round(toScreen(i * step, 0)[0]) + 0.5;
+    pen.moveTo(x_px, 0);
+    pen.lineTo(x_px, view.height_px);
+    if (x_px > 90) pen.fillText(gridText(i, step), x_px, 5);
+  }
+  pen.textBaseline = "middle";
+  pen.textAlign = "left";
+  for (let i = Math.ceil(south_m / step); i * step <= north_m; i += 1) {
+    const y_px = Math.round(toScreen(0, i * step)[1]) + 0.5;
+    pen.moveTo(0, y_px);
+    pen.lineTo(view.width_px, y_px);
+    if (y_px > 130 && y_px < view.height_px - 50) pen.fillText(gridText(i, step), 6, y_px - 8);
+  }
+  pen.stroke();
+}
+
+function gridText(i, step_m) {
+  const unit = step_m >= 1000 ? [1000, "km"] : [1, "m"];
+  return `${formatNumber((i * step_m) / unit[0], step_m < 1 ? 1 : 0)}${GAP}${unit[1]}`;
+}
+
+function drawPlan(pen) {
+  for (const { fleet, path_m } of data.sub_areas) {
+    pen.beginPath();
+    tracePath(pen, path_m);
+    pen.strokeStyle = fleetColour(fleet);
+    pen.globalAlpha = 0.45;
+    pen.lineWidth = 1;
+    pen.setLineDash([7, 4]);
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.globalAlpha = 1;
+  }
+}
+
+function drawUncovered(pen) {
+  if (data.uncovered_m.length === 0) return;
+  pen.beginPath();
+  for (const polygon_m of data.uncovered_m) tracePolygon(pen, polygon_m);
+  pen.fillStyle = hatch(pen, theme.uncovered);
+  pen.fill();
+  pen.strokeStyle = theme.uncovered;
+  pen.lineWidth = 1.25;
+  pen.stroke();
+}
+
+function drawScale() {
+  const length_m = roundDown(SCALE_MOST_PX / view.px_per_m);
+  byId("scale-bar").style.width = `${length_m * view.px_per_m}px`;
+  byId("scale-text").textContent = formatStep(length_m);
+}
