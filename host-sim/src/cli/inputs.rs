@@ -3,7 +3,7 @@
 
 use crate::runner::{InputError, MissionArea, MissionInput, MissionUser, RunError};
 use crate::scenario::{LoadedScenario, Overrides, Scenario};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Least drones that can sweep: three capture each user's signal together.
 const FLEET_SIZE: u32 = 3;
@@ -18,7 +18,7 @@ pub(super) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<Mission
     loaded.check().map_err(InputError::from)?;
     let scenario = loaded.scenario;
     let area = area(&scenario)?;
-    let users = scenario.users.file.as_ref().map(read_users).transpose()?;
+    let users = scenario.users.file.as_deref().map(read_users).transpose()?;
     let drones = scenario.fleet.drones;
     if drones < FLEET_SIZE {
         return Err(RunError::Infeasible(format!(
@@ -40,7 +40,7 @@ fn area(scenario: &Scenario) -> Result<MissionArea, InputError> {
 }
 
 /// An area from a local CSV with the header `x_m,y_m`.
-fn read_area(file: &PathBuf) -> Result<MissionArea, InputError> {
+fn read_area(file: &Path) -> Result<MissionArea, InputError> {
     let polygon_m: Vec<[f64; 2]> = read_points(file)?.into_iter().map(|(_, pos_m)| pos_m).collect();
     if polygon_m.len() < 3 {
         let found = format!("{} corners", polygon_m.len());
@@ -54,13 +54,13 @@ fn read_area(file: &PathBuf) -> Result<MissionArea, InputError> {
 }
 
 /// Users from a local CSV with the header `x_m,y_m` and optionally `id`.
-fn read_users(file: &PathBuf) -> Result<Vec<MissionUser>, InputError> {
+fn read_users(file: &Path) -> Result<Vec<MissionUser>, InputError> {
     let points = read_points(file)?;
     Ok(points.into_iter().map(|(id, pos_m)| MissionUser { id, pos_m }).collect())
 }
 
 /// The points of a CSV file, with their `id` or else their number.
-fn read_points(file: &PathBuf) -> Result<Vec<(String, [f64; 2])>, InputError> {
+fn read_points(file: &Path) -> Result<Vec<(String, [f64; 2])>, InputError> {
     let at = |place: String, found: String, expected| InputError::File { place, found, expected };
     let name = file.display().to_string();
     let text = std::fs::read_to_string(file)

@@ -32,8 +32,11 @@ impl OutputDir {
     pub(super) fn prepare(dir: &Path) -> Result<Self, OutputError> {
         // Drop cleans up whatever was made when a later step fails.
         let mut output = Self { dir: dir.to_owned(), made: Vec::new(), staged: Vec::new() };
-        let missing = dir.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.is_dir());
-        for path in missing.collect::<Vec<_>>().into_iter().rev() {
+        for path in dir.ancestors().collect::<Vec<_>>().into_iter().rev() {
+            // Asked anew at each step: in `new/..` the second part exists once the first was made.
+            if path.as_os_str().is_empty() || path.is_dir() {
+                continue;
+            }
             fs::create_dir(path).map_err(|source| OutputError { path: path.to_owned(), source })?;
             output.made.push(path.to_owned());
         }

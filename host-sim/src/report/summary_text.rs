@@ -126,9 +126,10 @@ fn minutes(time_s: f64) -> String {
     format!("{time_s:.1} s ({:.1} min)", time_s / 60.0)
 }
 
-/// Rounded down, so that 100 % is said only of the whole.
+/// Rounded down, so that 100 % is said only of the whole, up to the rounding of its computation.
 fn percent(fraction: f64) -> String {
-    format!("{:.2} %", (fraction * 1e4).floor() / 1e2)
+    const ROUNDING: f64 = 1e-9;
+    format!("{:.2} %", ((fraction + ROUNDING) * 1e4).floor() / 1e2)
 }
 
 /// A number as short as it is exact to nine decimals.
@@ -193,7 +194,8 @@ mod tests {
     #[test]
     fn nearly_all_is_not_all() {
         assert_eq!(super::percent(0.999_99), "99.99 %");
-        assert_eq!(super::percent(1.0), "100.00 %");
+        assert_eq!(super::percent(1.0 - 1e-10), "100.00 %");
+        assert_eq!(super::percent(0.29), "29.00 %");
     }
 
     #[test]

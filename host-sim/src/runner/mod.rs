@@ -4,7 +4,7 @@ use crate::recording::Recording;
 use crate::report::limits::judge;
 use crate::report::summary::Summary;
 use crate::scenario::{Scenario, ScenarioError};
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use thiserror::Error;
 
@@ -106,7 +106,7 @@ pub enum InputError {
 impl InputError {
     /// A file that cannot be read.
     #[must_use]
-    pub fn unreadable(file: &PathBuf, error: &std::io::Error, expected: &'static str) -> Self {
+    pub fn unreadable(file: &Path, error: &std::io::Error, expected: &'static str) -> Self {
         Self::File { place: file.display().to_string(), found: error.to_string(), expected }
     }
 }

@@ -49,9 +49,9 @@ impl ScenarioError {
         } else if let Some(variant) = complaint.strip_prefix("unknown variant ") {
             variant.to_owned()
         } else {
-            complaint
-                .strip_prefix("invalid type: ")
-                .or_else(|| complaint.strip_prefix("invalid value: "))
+            ["invalid type: ", "invalid value: ", "invalid "]
+                .iter()
+                .find_map(|prefix| complaint.strip_prefix(prefix))
                 .unwrap_or(complaint)
                 .to_owned()
         };
@@ -59,6 +59,7 @@ impl ScenarioError {
             "f64" => "a number",
             "u32" | "u64" => "a whole number, 0 or greater",
             "path string" => "the name of a file",
+            table if table.starts_with("struct ") => "a table",
             other => other,
         };
         Self::Value { place, field: field.to_owned(), found, expected: expected.to_owned() }
