@@ -6,11 +6,13 @@
 //! the end and raise [`PROTOCOL_VERSION`](crate::PROTOCOL_VERSION), and the byte-golden tests say so
 //! when one moves.
 
+mod checksum;
 mod down;
 mod layout;
 mod peer;
 mod up;
 
+pub use checksum::lanes_crc;
 pub use down::{
     Command, Down, Heading, LanePiece, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST,
     MAX_WAYPOINTS, MissionHeader, PeerState, SrsRequest, SrsRequestEntry,

@@ -1,0 +1,285 @@
+//! Phases of the flight and the velocity each of them wants.
+
+use crate::{
+    Vec3,
+    config::FlightLimits,
+    guidance::{Reference, formation::Slot, goto, lanes::Lanes, limited, track, zigzag::Zigzag},
+    io::NavFix,
+    supervisor::Action,
+};
+use heapless::Vec;
+use skyroost_protocol::{
+    message::{EventCode, FlightPhase, Heading, MissionHeader},
+    units::{DroneId, TimePs, m_from_mm},
+};
+
+/// Greatest speed of a slot around the triangle's centre where it turns with the track, m/s.
+const SLOT_TURN_MPS: f32 = 1.5;
+/// `1 / sqrt(3)`: from side to circumradius of an equilateral triangle.
+const INV_SQRT_3: f32 = 0.577_350_26;
+/// Descent above the pad, metres a second.
+const LANDING_MPS: f32 = 1.5;
+/// Below this height the landing is over, metres.
+const LANDED_BELOW_M: f32 = 0.2;
+/// Height error at which the climb is over, metres.
+const CLIMBED_WITHIN_M: f32 = 1.0;
+
+/// A mission ready to fly.
+#[derive(Clone, Debug)]
+pub(super) struct Mission {
+    pub(super) header: MissionHeader,
+    /// The fleet by slot; none for a reserve.
+    pub(super) mates: Option<[DroneId; 3]>,
+    pub(super) lanes: Lanes,
+    pub(super) d_safe_m: f32,
+    slot: Slot,
+    altitude_m: f32,
+    speed_mps: f32,
+    home_m: Vec3,
+}
+
+impl Mission {
+    /// Checks an upload; none when it is not for drone `me` or cannot be flown.
+    pub(super) fn new(me: DroneId, header: &MissionHeader, lanes_mm: &[[i32; 2]]) -> Option<Self> {
+        let spacing_m = header.spacing_mm as f32 * 1e-3;
+        let speed_mps = m_from_mm(i32::from(header.speed_mmps));
+        if header.fleet.is_some() && header.mates.get(usize::from(header.slot)) != Some(&me) {
+            return None;
+        }
+        let max_turn_radps = match header.heading {
+            Heading::Fixed => f32::INFINITY,
+            Heading::AlongTrack => SLOT_TURN_MPS / (spacing_m * INV_SQRT_3),
+        };
+        let lanes = if header.fleet.is_some() {
+            Lanes::new(lanes_mm, speed_mps, max_turn_radps).ok()?
+        } else {
+            Lanes::default()
+        };
+        let orientation_rad = f32::from(header.orientation_mrad) * 1e-3;
+        Some(Self {
+            header: *header,
+            mates: header.fleet.map(|_| header.mates),
+            lanes,
+            d_safe_m: m_from_mm(i32::from(header.d_safe_mm)),
+            slot: Slot::new(header.slot, spacing_m, orientation_rad, header.heading),
+            altitude_m: header.altitude_mm as f32 * 1e-3,
+            speed_mps,
+            home_m: Vec3::from(header.home.0.map(m_from_mm)),
+        })
+    }
+}
+
+/// What the drone is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Mode {
+    #[default]
+    Grounded,
+    TakeOff {
+        above_m: Vec3,
+    },
+    Hold {
+        at_m: Vec3,
+    },
+    Sweep {
+        start: TimePs,
+    },
+    GoTo {
+        goal_m: Vec3,
+    },
+    Serve {
+        goal_m: Vec3,
+    },
+    ReturnHome,
+    Landing {
+        at_m: Option<Vec3>,
+    },
+}
+
+/// The flight in progress.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Flight {
+    mode: Mode,
+    pub(super) zigzag: Zigzag,
+    /// Distance from the slot or goal, metres.
+    pub(super) track_error_m: f32,
+    /// Where the supervisor made the drone hold.
+    held_at_m: Option<Vec3>,
+    /// Velocity wanted in the last step, from which flights to a goal speed up gently.
+    last_wanted: Vec3,
+    events: Vec<(EventCode, u32), 4>,
+}
+
+impl Flight {
+    pub(super) fn phase(&self) -> FlightPhase {
+        match self.mode {
+            Mode::Grounded => FlightPhase::Grounded,
+            Mode::TakeOff { .. } => FlightPhase::TakeOff,
+            Mode::Hold { .. } => FlightPhase::Hold,
+            Mode::Sweep { .. } => FlightPhase::Sweep,
+            Mode::GoTo { .. } => FlightPhase::GoTo,
+            Mode::Serve { .. } => FlightPhase::Serve,
+            Mode::ReturnHome => FlightPhase::ReturnHome,
+            Mode::Landing { .. } => FlightPhase::Landing,
+        }
+    }
+
+    pub(super) fn airborne(&self) -> bool {
+        self.mode != Mode::Grounded
+    }
+
+    pub(super) fn take_off(&mut self, nav: &NavFix, mission: &Mission) {
+        self.enter(Mode::TakeOff {
+            above_m: Vec3::new(nav.pos_enu_m.x, nav.pos_enu_m.y, mission.altitude_m),
+        });
+    }
+
+    pub(super) fn hold(&mut self, at_m: Vec3) {
+        self.enter(Mode::Hold { at_m });
+    }
+
+    pub(super) fn start_sweep(&mut self, start: TimePs) {
+        self.zigzag = Zigzag::default();
+        self.enter(Mode::Sweep { start });
+    }
+
+    pub(super) fn go_to(&mut self, goal_m: Vec3) {
+        self.enter(Mode::GoTo { goal_m });
+    }
+
+    pub(super) fn return_home(&mut self) {
+        self.enter(Mode::ReturnHome);
+    }
+
+    /// Events since the last call.
+    pub(super) fn take_events(&mut self) -> Vec<(EventCode, u32), 4> {
+        core::mem::take(&mut self.events)
+    }
+
+    fn enter(&mut self, mode: Mode) {
+        self.mode = mode;
+        self.held_at_m = None;
+        self.report(EventCode::PhaseEntered, self.phase() as u32);
+    }
+
+    fn report(&mut self, code: EventCode, value: u32) {
+        // Emptied every step, and no step reports more than it holds.
+        let _ = self.events.push((code, value));
+    }
+
+    /// Velocity wanted now and the acceleration known ahead, after the supervisor's `action`.
+    pub(super) fn wanted(
+        &mut self,
+        now: TimePs,
+        nav: &NavFix,
+        mission: Option<&Mission>,
+        limits: &FlightLimits,
+        action: Action,
+    ) -> (Vec3, Vec3) {
+        self.submit(nav, action);
+        let (wanted, accel) = match (self.held_at_m, mission) {
+            (None, Some(mission)) => self.by_mode(now, nav, mission, limits),
+            (Some(at_m), _) => (
+                goto::velocity(&nav.pos_enu_m, &at_m, limits.max_speed_mps, limits.max_vertical_mps),
+                Vec3::zeros(),
+            ),
+            // Airborne without a mission cannot be; standing still is the safe answer.
+            (None, None) => (Vec3::zeros(), Vec3::zeros()),
+        };
+        let wanted = match self.mode {
+            Mode::Sweep { .. } if self.held_at_m.is_none() => wanted,
+            _ => self.last_wanted + limited(wanted - self.last_wanted, limits.max_accel_mps2 * crate::STEP_S),
+        };
+        self.last_wanted = wanted;
+        (wanted, accel)
+    }
+
+    /// The supervisor's last word.
+    fn submit(&mut self, nav: &NavFix, action: Action) {
+        let bound_home = matches!(self.mode, Mode::ReturnHome | Mode::Landing { .. });
+        match action {
+            Action::Land if !matches!(self.mode, Mode::Landing { .. }) => {
+                self.enter(Mode::Landing { at_m: Some(nav.pos_enu_m) });
+            }
+            Action::ReturnHome if !bound_home => self.enter(Mode::ReturnHome),
+            Action::Hold if !bound_home => {
+                self.held_at_m.get_or_insert(nav.pos_enu_m);
+            }
+            Action::None => self.held_at_m = None,
+            _ => {}
+        }
+    }
+
+    fn by_mode(
+        &mut self,
+        now: TimePs,
+        nav: &NavFix,
+        mission: &Mission,
+        limits: &FlightLimits,
+    ) -> (Vec3, Vec3) {
+        let pos_m = &nav.pos_enu_m;
+        let fly = |goal_m: &Vec3| goto::velocity(pos_m, goal_m, mission.speed_mps, limits.max_vertical_mps);
+        let still = |v: Vec3| (v, Vec3::zeros());
+        match self.mode {
+            Mode::Grounded => still(Vec3::zeros()),
+            Mode::TakeOff { above_m } => {
+                if libm::fabsf(above_m.z - pos_m.z) < CLIMBED_WITHIN_M {
+                    self.enter(Mode::Hold { at_m: above_m });
+                }
+                self.track_error_m = (above_m - pos_m).norm();
+                still(fly(&above_m))
+            }
+            Mode::Hold { at_m } => {
+                self.track_error_m = (at_m - pos_m).norm();
+                still(fly(&at_m))
+            }
+            Mode::Sweep { start } => self.sweep(now, nav, mission, start),
+            Mode::GoTo { goal_m } | Mode::Serve { goal_m } => {
+                self.track_error_m = (goal_m - pos_m).norm();
+                if matches!(self.mode, Mode::GoTo { .. }) && goto::arrived(pos_m, &nav.vel_enu_mps, &goal_m) {
+                    self.enter(Mode::Serve { goal_m });
+                    self.report(EventCode::GoalReached, (self.track_error_m * 1e3) as u32);
+                }
+                still(fly(&goal_m))
+            }
+            Mode::ReturnHome => {
+                let above_m = Vec3::new(mission.home_m.x, mission.home_m.y, mission.altitude_m);
+                self.track_error_m = (above_m - pos_m).norm();
+                if goto::arrived(pos_m, &nav.vel_enu_mps, &above_m) {
+                    self.enter(Mode::Landing { at_m: None });
+                }
+                still(fly(&above_m))
+            }
+            Mode::Landing { at_m } => {
+                let pad_m = at_m.unwrap_or(mission.home_m);
+                let below = Vec3::new(pad_m.x, pad_m.y, pos_m.z);
+                let mut v = fly(&below);
+                v.z = -LANDING_MPS;
+                if pos_m.z - mission.home_m.z < LANDED_BELOW_M {
+                    self.enter(Mode::Grounded);
+                }
+                still(v)
+            }
+        }
+    }
+
+    fn sweep(&mut self, now: TimePs, nav: &NavFix, mission: &Mission, start: TimePs) -> (Vec3, Vec3) {
+        let point = if now < start {
+            mission.lanes.at(0, 0)
+        } else {
+            self.zigzag.advance(now, &mission.lanes, self.track_error_m)
+        };
+        let Some(point) = point else { return (Vec3::zeros(), Vec3::zeros()) };
+        let reference: Reference = mission.slot.reference(
+            &point,
+            self.zigzag.speed_mps(),
+            self.zigzag.accel_mps2(),
+            mission.altitude_m,
+        );
+        self.track_error_m = (reference.pos_enu_m - nav.pos_enu_m).norm();
+        if self.zigzag.done(&mission.lanes) {
+            self.enter(Mode::Hold { at_m: reference.pos_enu_m });
+            self.report(EventCode::SweepDone, now.since(start).as_secs_f32() as u32);
+        }
+        (track(nav, &reference), reference.accel_enu_mps2)
+    }
+}

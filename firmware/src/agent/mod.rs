@@ -1,0 +1,157 @@
+//! The flight agent: one drone's flight code as one function of time and inputs.
+
+mod command;
+mod flight;
+mod receive;
+mod transmit;
+mod upload;
+
+use crate::{
+    Vec3,
+    avoid::{self, Separation, pca::Mover},
+    config::AgentConfig,
+    counters::Counters,
+    guidance::limited,
+    io::{Inputs, NavFix, Outputs, Setpoint},
+    peers::PeerTable,
+    srs::Srs,
+    supervisor::{Action, Health, Supervisor},
+};
+use flight::{Flight, Mission};
+use receive::Links;
+use skyroost_protocol::{message::FlightPhase, units::TimePs};
+use transmit::Transmitter;
+use upload::Upload;
+
+/// One drone's flight code.
+///
+/// ```
+/// use skyroost_firmware::{agent::FlightAgent, config::AgentConfig, io::{Inputs, Outputs}};
+/// use skyroost_protocol::units::{DroneId, TimePs};
+///
+/// let mut agent = FlightAgent::new(AgentConfig::new(DroneId(1)));
+/// let (inputs, mut outputs) = (Inputs::default(), Outputs::default());
+/// agent.step(TimePs(0), &inputs, &mut outputs);
+/// assert!(!outputs.setpoint.motors, "on the ground until told otherwise");
+/// assert_eq!(outputs.uplink.len(), 1, "it says hello");
+/// ```
+#[derive(Clone, Debug)]
+pub struct FlightAgent {
+    config: AgentConfig,
+    links: Links,
+    upload: Upload,
+    mission: Option<Mission>,
+    flight: Flight,
+    peers: PeerTable,
+    srs: Srs,
+    supervisor: Supervisor,
+    transmitter: Transmitter,
+    counters: Counters,
+    /// Last navigation solution and when it came.
+    nav: Option<(TimePs, NavFix)>,
+    battery_permille: u16,
+}
+
+impl FlightAgent {
+    /// An agent on the ground that has heard nothing yet.
+    #[must_use]
+    pub fn new(config: AgentConfig) -> Self {
+        Self {
+            config,
+            links: Links::default(),
+            upload: Upload::default(),
+            mission: None,
+            flight: Flight::default(),
+            peers: PeerTable::default(),
+            srs: Srs::new(config.capture_rate),
+            supervisor: Supervisor::default(),
+            transmitter: Transmitter::new(config.id, config.boot_epoch),
+            counters: Counters::default(),
+            nav: None,
+            battery_permille: 1000,
+        }
+    }
+
+    /// One step, [`STEP_HZ`](crate::STEP_HZ) times a second: takes `inputs`, fills `outputs` (which the
+    /// caller has cleared). `now` is GNSS time since the mission's epoch and never runs backwards.
+    pub fn step(&mut self, now: TimePs, inputs: &Inputs, outputs: &mut Outputs) {
+        self.receive(now, inputs, outputs);
+        let fix = self.estimate(now, inputs, outputs);
+        outputs.setpoint = match fix {
+            Some(nav) if self.flight.airborne() => self.command(now, &nav, outputs),
+            // Blind: the autopilot holds its attitude at zero velocity until the solution returns.
+            _ => Setpoint { motors: self.flight.airborne(), ..Setpoint::default() },
+        };
+        self.transmit(now, outputs);
+    }
+
+    /// Phase of the flight.
+    #[must_use]
+    pub fn phase(&self) -> FlightPhase {
+        self.flight.phase()
+    }
+
+    /// Way flown along the lanes, micrometres.
+    #[must_use]
+    pub fn sweep_phase_um(&self) -> i64 {
+        self.flight.zigzag.phase_um()
+    }
+
+    /// Counts of everything dropped, refused or clamped since boot.
+    #[must_use]
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Navigation, battery, arrival times; the fix of this step if there is a sound one.
+    fn estimate(&mut self, now: TimePs, inputs: &Inputs, outputs: &mut Outputs) -> Option<NavFix> {
+        self.battery_permille = inputs.battery_permille;
+        let fix = inputs.nav.filter(|nav| {
+            let sound = nav.pos_enu_m.iter().chain(nav.vel_enu_mps.iter()).all(|x| x.is_finite())
+                && nav.error_radius_m.is_finite();
+            if !sound {
+                Counters::count(&mut self.counters.not_finite);
+            }
+            sound
+        });
+        if let Some(nav) = fix {
+            self.nav = Some((now, nav));
+        }
+        self.srs.step(now, inputs, fix.as_ref(), self.config.id, outputs, &mut self.counters);
+        fix
+    }
+
+    /// Supervisor, guidance and avoidance, in the air and with a sound fix.
+    fn command(&mut self, now: TimePs, nav: &NavFix, outputs: &mut Outputs) -> Setpoint {
+        let action = self.supervise(now, outputs);
+        let limits = &self.config.limits;
+        let (wanted, accel) = self.flight.wanted(now, nav, self.mission.as_ref(), limits, action);
+        let separation = Separation {
+            d_safe_m: self.mission.as_ref().map_or(0.0, |m| m.d_safe_m),
+            own_error_m: nav.error_radius_m,
+            max_speed_mps: limits.max_speed_mps,
+        };
+        let own = Mover { pos_enu_m: nav.pos_enu_m, vel_enu_mps: nav.vel_enu_mps };
+        let avoided = avoid::avoid(now, &own, wanted, &self.peers, &separation);
+        let mut vel = limited(avoided.vel_enu_mps, limits.max_speed_mps);
+        vel.z = vel.z.clamp(-limits.max_vertical_mps, limits.max_vertical_mps);
+        let accel_enu_mps2 = if avoided.active { Vec3::zeros() } else { accel };
+        for event in self.flight.take_events() {
+            self.transmitter.event(now, event.0, event.1, outputs, &mut self.counters);
+        }
+        Setpoint { motors: self.flight.airborne(), vel_enu_mps: vel, accel_enu_mps2 }
+    }
+
+    fn supervise(&mut self, now: TimePs, outputs: &mut Outputs) -> Action {
+        let health = Health {
+            link_heard: self.links.control_heard,
+            nav_heard: self.nav.map_or(TimePs(0), |(at, _)| at),
+            battery_permille: self.battery_permille,
+            airborne: self.flight.airborne(),
+        };
+        let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
+        self.supervisor.step(now, &health, &self.config.supervisor, |condition, raised| {
+            transmitter.condition(now, condition, raised, outputs, counters);
+        })
+    }
+}

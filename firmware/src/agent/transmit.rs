@@ -1,0 +1,172 @@
+//! Frames out: what is sent when, numbered and counted.
+
+use super::FlightAgent;
+use crate::{counters::Counters, io::Outputs, supervisor::Condition};
+use heapless::Vec;
+use skyroost_protocol::{
+    MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
+    codec::{Frame, Sender},
+    message::{
+        Attached, AttachedUser, CaptureEntry, EventCode, FlightPhase, MAX_CAPTURES_PER_FRAME,
+        MAX_TDOA_PER_FRAME, Peer, SharedState, TdoaEntry, Telemetry, Up,
+    },
+    units::{DroneId, PosEnuMm, TimePs, VelEnuMmps, mm_from_m},
+};
+
+/// Every so often the state is shared for avoidance.
+const SHARE_EVERY: TimePs = TimePs::from_ms(100);
+/// Every so often fleet mates hear the sweep phase.
+const PHASE_EVERY: TimePs = TimePs::from_ms(200);
+/// Every so often telemetry goes out, and a hello until it is answered.
+const TELEMETRY_EVERY: TimePs = TimePs::from_ms(1_000);
+
+/// Links out and what is due on them.
+#[derive(Clone, Debug)]
+pub(super) struct Transmitter {
+    uplink: Sender,
+    peer: Sender,
+    share_due: TimePs,
+    phase_due: TimePs,
+    telemetry_due: TimePs,
+}
+
+impl Transmitter {
+    pub(super) fn new(id: DroneId, boot_epoch: u16) -> Self {
+        Self {
+            uplink: Sender::new(id, boot_epoch),
+            peer: Sender::new(id, boot_epoch),
+            share_due: TimePs(0),
+            phase_due: TimePs(0),
+            telemetry_due: TimePs(0),
+        }
+    }
+
+    /// Sends `message` to the control center.
+    pub(super) fn up(&mut self, message: &Up, outputs: &mut Outputs, counters: &mut Counters) {
+        push(self.uplink.up(message).ok(), &mut outputs.uplink, counters);
+    }
+
+    fn tell_mates(&mut self, message: &Peer, outputs: &mut Outputs, counters: &mut Counters) {
+        push(self.peer.peer(message).ok(), &mut outputs.peer, counters);
+    }
+
+    pub(super) fn event(
+        &mut self,
+        time: TimePs,
+        code: EventCode,
+        value: u32,
+        outputs: &mut Outputs,
+        counters: &mut Counters,
+    ) {
+        self.up(&Up::Event { code, time, value }, outputs, counters);
+    }
+
+    pub(super) fn condition(
+        &mut self,
+        time: TimePs,
+        condition: Condition,
+        raised: bool,
+        outputs: &mut Outputs,
+        counters: &mut Counters,
+    ) {
+        let code = if raised { EventCode::ConditionRaised } else { EventCode::ConditionCleared };
+        self.event(time, code, condition as u32, outputs, counters);
+    }
+
+    pub(super) fn attached(
+        &mut self,
+        time: TimePs,
+        users: &[AttachedUser],
+        outputs: &mut Outputs,
+        counters: &mut Counters,
+    ) {
+        if let Ok(users) = Vec::from_slice(users) {
+            self.up(&Up::Attached(Attached { time, users }), outputs, counters);
+        }
+    }
+}
+
+fn push<const N: usize>(frame: Option<Frame>, out: &mut Vec<Frame, N>, counters: &mut Counters) {
+    if frame.is_none_or(|frame| out.push(frame).is_err()) {
+        Counters::count(&mut counters.frames_overflowed);
+    }
+}
+
+impl FlightAgent {
+    /// Sends everything that is due.
+    pub(super) fn transmit(&mut self, now: TimePs, outputs: &mut Outputs) {
+        self.send_measurements(now, outputs);
+        let (links, counters) = (&mut self.transmitter, &mut self.counters);
+        if now >= links.share_due && self.flight.airborne() {
+            if let Some((time, nav)) = self.nav {
+                let state = SharedState {
+                    time,
+                    pos: PosEnuMm(nav.pos_enu_m.map(mm_from_m).into()),
+                    vel: VelEnuMmps(nav.vel_enu_mps.map(mm_from_m).into()),
+                    error_radius_mm: mm_from_m(nav.error_radius_m).clamp(0, i32::from(u16::MAX)) as u16,
+                };
+                links.up(&Up::SharedState(state), outputs, counters);
+            }
+            links.share_due = now.after(SHARE_EVERY);
+        }
+        if now >= links.phase_due && self.flight.phase() == FlightPhase::Sweep {
+            let message = Peer::SweepPhase {
+                time: now,
+                phase_um: self.flight.zigzag.phase_um(),
+                rate_mmps: mm_from_m(self.flight.zigzag.speed_mps()).clamp(0, i32::from(u16::MAX)) as u16,
+                track_error_mm: mm_from_m(self.flight.track_error_m).max(0) as u32,
+            };
+            links.tell_mates(&message, outputs, counters);
+            links.phase_due = now.after(PHASE_EVERY);
+        }
+        if now >= self.transmitter.telemetry_due {
+            let message = if self.links.welcomed { self.telemetry(now) } else { self.hello() };
+            self.transmitter.up(&message, outputs, &mut self.counters);
+            self.transmitter.telemetry_due = now.after(TELEMETRY_EVERY);
+        }
+    }
+
+    /// Captures for the fleet mates that serve, and differences for the control center.
+    fn send_measurements(&mut self, now: TimePs, outputs: &mut Outputs) {
+        let (links, counters) = (&mut self.transmitter, &mut self.counters);
+        for captures in self.srs.take_for_mates().chunks(MAX_CAPTURES_PER_FRAME) {
+            if let Ok(captures) = Vec::<CaptureEntry, MAX_CAPTURES_PER_FRAME>::from_slice(captures) {
+                links.tell_mates(&Peer::Captures(captures), outputs, counters);
+            }
+        }
+        let mut batch: Vec<TdoaEntry, MAX_TDOA_PER_FRAME> = Vec::new();
+        self.srs.drain_tdoa(now, |entry| {
+            let _ = batch.push(entry); // never full: sent as soon as it is
+            if batch.is_full() {
+                links.up(&Up::Tdoa(core::mem::take(&mut batch)), outputs, counters);
+            }
+        });
+        if !batch.is_empty() {
+            links.up(&Up::Tdoa(batch), outputs, counters);
+        }
+    }
+
+    fn hello(&self) -> Up {
+        Up::Hello {
+            version_min: MIN_PROTOCOL_VERSION,
+            version_max: PROTOCOL_VERSION,
+            schema_hash: SCHEMA_HASH,
+            capture_tick_hz: self.config.capture_rate.hz(),
+        }
+    }
+
+    fn telemetry(&self, now: TimePs) -> Up {
+        Up::Telemetry(Telemetry {
+            time: now,
+            phase: self.flight.phase(),
+            mission: self.mission.as_ref().map(|m| m.header.mission),
+            sweep_phase_mm: (self.flight.zigzag.phase_um() / 1000).clamp(0, i64::from(u32::MAX)) as u32,
+            track_error_mm: mm_from_m(self.flight.track_error_m).max(0) as u32,
+            battery_permille: self.battery_permille,
+            conditions: self.supervisor.conditions(),
+            frames_lost: self.links.frames_lost(),
+            frames_rejected: self.counters.frames_rejected,
+            dropped: self.counters.dropped(),
+        })
+    }
+}

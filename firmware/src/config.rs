@@ -1,0 +1,87 @@
+//! What an agent is born with; everything else it is told by mission upload.
+
+use crate::srs::clock::TickRate;
+use skyroost_protocol::units::DroneId;
+
+/// The capture timer counts samples of the baseband: a tick of 2 T_c, the finest grid that UL-RTOA is
+/// reported on (TS 38.133 13.1).
+const BASEBAND_RATE: TickRate = match TickRate::new(983_040_000) {
+    Ok(rate) => rate,
+    Err(_) => unreachable!(),
+};
+
+/// Constants of one drone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AgentConfig {
+    /// Who this drone is.
+    pub id: DroneId,
+    /// Counts boots, so that sequence numbers never repeat.
+    pub boot_epoch: u16,
+    /// Rate of the SRS capture timer.
+    pub capture_rate: TickRate,
+    /// What the airframe can do.
+    pub limits: FlightLimits,
+    /// When the supervisor steps in.
+    pub supervisor: SupervisorConfig,
+}
+
+impl AgentConfig {
+    /// Defaults for the drone `id`, booted for the first time.
+    #[must_use]
+    pub fn new(id: DroneId) -> Self {
+        Self {
+            id,
+            boot_epoch: 1,
+            capture_rate: BASEBAND_RATE,
+            limits: FlightLimits::default(),
+            supervisor: SupervisorConfig::default(),
+        }
+    }
+}
+
+/// What the airframe can do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlightLimits {
+    /// Greatest horizontal speed that may be commanded, metres a second.
+    pub max_speed_mps: f32,
+    /// Greatest acceleration, metres a second squared.
+    pub max_accel_mps2: f32,
+    /// Greatest climb or descent, metres a second.
+    pub max_vertical_mps: f32,
+}
+
+impl Default for FlightLimits {
+    fn default() -> Self {
+        Self { max_speed_mps: 12.0, max_accel_mps2: 3.0, max_vertical_mps: 3.0 }
+    }
+}
+
+/// When the supervisor steps in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SupervisorConfig {
+    /// Silence of the control center after which the operator is warned, milliseconds.
+    pub link_warn_ms: u32,
+    /// Silence after which the drone stops and holds, milliseconds.
+    pub link_hold_ms: u32,
+    /// Silence after which the drone returns home, milliseconds.
+    pub link_return_ms: u32,
+    /// Time without a navigation solution after which it counts as lost, milliseconds.
+    pub nav_lost_ms: u32,
+    /// Charge below which the drone returns home, per mille.
+    pub battery_low_permille: u16,
+    /// Charge below which it lands where it is, per mille.
+    pub battery_critical_permille: u16,
+}
+
+impl Default for SupervisorConfig {
+    fn default() -> Self {
+        Self {
+            link_warn_ms: 2_000,
+            link_hold_ms: 10_000,
+            link_return_ms: 60_000,
+            nav_lost_ms: 500,
+            battery_low_permille: 150,
+            battery_critical_permille: 50,
+        }
+    }
+}

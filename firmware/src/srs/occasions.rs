@@ -1,0 +1,129 @@
+//! SRS occasions that were announced: when to listen, to whom, and what became of it.
+
+use crate::{counters::Counters, io::SrsGate};
+use heapless::Vec;
+use skyroost_protocol::{
+    message::SrsRequest,
+    units::{DroneId, OccasionId, TimePs, UserId},
+};
+
+/// Most occasions known at a time: 100 a second, announced a second ahead, kept for another half.
+pub const MAX_PENDING: usize = 192;
+/// The gate is asked for this long before the transmission.
+const GATE_LEAD: TimePs = TimePs::from_ms(40);
+/// An occasion is remembered this long after its transmission, for captures of fleet mates.
+const KEPT: TimePs = TimePs::from_ms(600);
+
+/// An announced occasion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Announced {
+    /// The occasion.
+    pub occasion: OccasionId,
+    /// Who transmits.
+    pub user: UserId,
+    /// Who grants the transmission and forms the differences.
+    pub serving: DroneId,
+    /// When.
+    pub at: TimePs,
+    gated: bool,
+}
+
+/// The occasions announced to this drone.
+#[derive(Clone, Debug, Default)]
+pub struct Occasions {
+    announced: Vec<Announced, MAX_PENDING>,
+}
+
+impl Occasions {
+    /// Takes in a request; entries whose time has passed or that do not fit are counted.
+    pub fn announce(&mut self, now: TimePs, request: &SrsRequest, counters: &mut Counters) {
+        let (mut at, mut occasion) = (request.start, request.first_occasion);
+        for entry in &request.entries {
+            let announced =
+                Announced { occasion, user: entry.user, serving: entry.serving, at, gated: false };
+            if at < now {
+                Counters::count(&mut counters.srs_late);
+            } else if self.get(occasion).is_none() && self.announced.push(announced).is_err() {
+                Counters::count(&mut counters.srs_overflowed);
+            }
+            at = at.after(request.spacing);
+            occasion = OccasionId(occasion.0.wrapping_add(1));
+        }
+    }
+
+    /// Asks `open` for the gates that are due, until it has no more room, and forgets what is over.
+    pub fn step(&mut self, now: TimePs, me: DroneId, mut open: impl FnMut(SrsGate) -> bool) {
+        if self.announced.is_empty() {
+            return;
+        }
+        let until = now.after(GATE_LEAD);
+        for known in self.announced.iter_mut().filter(|a| !a.gated && a.at <= until) {
+            let gate = SrsGate {
+                occasion: known.occasion,
+                user: known.user,
+                at: known.at,
+                grant: known.serving == me,
+            };
+            known.gated = open(gate);
+        }
+        self.announced.retain(|a| now.since(a.at) <= KEPT);
+    }
+
+    /// What was announced as `occasion`.
+    #[must_use]
+    pub fn get(&self, occasion: OccasionId) -> Option<&Announced> {
+        self.announced.iter().find(|a| a.occasion == occasion)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skyroost_protocol::message::SrsRequestEntry;
+
+    fn request(start_ms: i64, users: u32) -> SrsRequest {
+        let entries =
+            (0..users).map(|u| SrsRequestEntry { user: UserId(u), serving: DroneId(1 + (u % 3) as u16) });
+        SrsRequest {
+            start: TimePs::from_ms(start_ms),
+            spacing: TimePs::from_ms(10),
+            first_occasion: OccasionId(100),
+            entries: entries.collect(),
+        }
+    }
+
+    #[test]
+    fn gates_open_once_and_in_time() {
+        let (mut occasions, mut counters) = (Occasions::default(), Counters::default());
+        occasions.announce(TimePs(0), &request(500, 4), &mut counters);
+        occasions.announce(TimePs(0), &request(500, 4), &mut counters); // repeated frame
+        let mut gates = std::vec::Vec::new();
+        for ms in (0..1_200).step_by(20) {
+            occasions.step(TimePs::from_ms(ms), DroneId(1), |gate| {
+                gates.push((ms, gate));
+                true
+            });
+        }
+        assert_eq!(gates.len(), 4);
+        assert!(gates.iter().all(|(ms, g)| {
+            let ahead = g.at.since(TimePs::from_ms(*ms));
+            ahead > TimePs(0) && ahead <= GATE_LEAD
+        }));
+        assert_eq!(gates.iter().filter(|(_, g)| g.grant).count(), 2);
+        assert!(occasions.get(OccasionId(100)).is_none(), "forgotten");
+        assert_eq!(counters.dropped(), 0);
+    }
+
+    #[test]
+    fn late_and_surplus_requests_are_counted() {
+        let (mut occasions, mut counters) = (Occasions::default(), Counters::default());
+        occasions.announce(TimePs::from_ms(515), &request(500, 4), &mut counters);
+        assert_eq!(counters.srs_late, 2);
+        for batch in 0..30 {
+            let mut more = request(1_000, 10);
+            more.first_occasion = OccasionId(1_000 + 10 * batch);
+            occasions.announce(TimePs(0), &more, &mut counters);
+        }
+        assert_eq!(counters.srs_overflowed as usize, 300 + 2 - MAX_PENDING);
+    }
+}
