@@ -236,7 +236,10 @@ mod tests {
     #[test]
     fn several_hundred_drones_take_no_time_worth_naming() {
         let ring = |radius: f64, turn: f64| -> Vec<V2> {
-            (0..400).map(|i| f64::from(i) * 0.0157 + turn).map(|a| V2::new(a.cos(), a.sin()) * radius).collect()
+            (0..400)
+                .map(|i| f64::from(i) * 0.0157 + turn)
+                .map(|a| V2::new(a.cos(), a.sin()) * radius)
+                .collect()
         };
         let (from_m, to_m) = (ring(100.0, 0.0), ring(3000.0, 1.0));
         let mut found = assign(&from_m, &to_m);

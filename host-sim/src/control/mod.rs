@@ -3,6 +3,8 @@
 pub mod area;
 pub mod assign;
 pub mod localize;
+pub mod mission;
 pub mod place;
 pub mod relay;
+pub mod srs_schedule;
 pub mod sweep;

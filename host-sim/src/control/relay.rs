@@ -95,7 +95,8 @@ impl Grid {
             volume *= extent / longest_m;
             axes += 1;
         }
-        let relative = if axes == 0 { 1.0 } else { (volume / positions_m.len() as f64).powf(1.0 / f64::from(axes)) };
+        let relative =
+            if axes == 0 { 1.0 } else { (volume / positions_m.len() as f64).powf(1.0 / f64::from(axes)) };
         self.side_m = (longest_m * relative).max(longest_m / Self::MOST_PER_AXIS as f64);
         if self.side_m <= 0.0 {
             self.side_m = 1.0;
@@ -230,7 +231,8 @@ mod tests {
 
     #[test]
     fn a_stray_drone_changes_nothing_for_the_others() {
-        let mut positions_m: Vec<V3> = (0..200).map(|i| V3::new(f64::from(i % 20) * 50.0, f64::from(i / 20) * 50.0, 300.0)).collect();
+        let mut positions_m: Vec<V3> =
+            (0..200).map(|i| V3::new(f64::from(i % 20) * 50.0, f64::from(i / 20) * 50.0, 300.0)).collect();
         positions_m.push(V3::new(1e7, -1e7, 0.0));
         let mut relay = Relay::new(8);
         relay.update(&positions_m);
@@ -241,7 +243,8 @@ mod tests {
 
     #[test]
     fn repeated_updates_keep_their_buffers() {
-        let positions_m: Vec<V3> = (0..600).map(|i| V3::new(f64::from(i * 37 % 601), f64::from(i * 71 % 599), 300.0)).collect();
+        let positions_m: Vec<V3> =
+            (0..600).map(|i| V3::new(f64::from(i * 37 % 601), f64::from(i * 71 % 599), 300.0)).collect();
         let mut relay = Relay::new(32);
         relay.update(&positions_m);
         let buffers = |r: &Relay| {

@@ -58,7 +58,8 @@ fn smallest_enclosing(disks: &[(V2, f64)]) -> Option<V2> {
     let mut now = Enclosing { at: first.0, excess_m: -first.1 };
     for _ in 0..MOST_PIVOTS {
         let excess_m = |&(p, radius_m): &(V2, f64)| (p - now.at).norm() - radius_m;
-        let Some(worst) = disks.iter().copied().reduce(|a, b| if excess_m(&b) > excess_m(&a) { b } else { a })
+        let Some(worst) =
+            disks.iter().copied().reduce(|a, b| if excess_m(&b) > excess_m(&a) { b } else { a })
         else {
             break;
         };

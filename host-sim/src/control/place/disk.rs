@@ -170,7 +170,8 @@ impl Gain for Circles {
         }
         let (at, rho_m) = (node.at, node.rho_m());
         let shores: Vec<V2> = keep_out.near(at, rho_m).collect();
-        let mut sweep = Sweep { circles: self, node, shores: &shores, shore_m: keep_out.shore_m(), events: vec![] };
+        let mut sweep =
+            Sweep { circles: self, node, shores: &shores, shore_m: keep_out.shore_m(), events: vec![] };
         for &user in &node.open {
             let user = user as usize;
             sweep.along(self.positions_m[user], self.radii_m[user], best);
@@ -259,7 +260,8 @@ impl Sweep<'_> {
             barred += event.barred;
             name = name.wrapping_add(event.name);
             let next = self.events.get(i + 1);
-            let raises_next = next.is_some_and(|n| n.angle_rad <= event.angle_rad && n.weight >= 0.0 && n.barred <= 0);
+            let raises_next =
+                next.is_some_and(|n| n.angle_rad <= event.angle_rad && n.weight >= 0.0 && n.barred <= 0);
             if barred == 0 && !raises_next && depth > 0.0 {
                 offer(depth, name, event.angle_rad, next.map_or(length_rad, |n| n.angle_rad));
             }
@@ -292,8 +294,8 @@ impl Arc {
             return Some(Self { middle_rad, half_rad: 0.5 * TAU });
         }
         // Law of cosines in the triangle hub, disk centre, crossing.
-        let cosine =
-            (radius_m * radius_m + distance_m * distance_m - reach_m * reach_m) / (2.0 * radius_m * distance_m);
+        let cosine = (radius_m * radius_m + distance_m * distance_m - reach_m * reach_m)
+            / (2.0 * radius_m * distance_m);
         Some(Self { middle_rad, half_rad: cosine.clamp(-1.0, 1.0).acos() })
     }
 }

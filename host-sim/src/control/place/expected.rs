@@ -92,7 +92,11 @@ impl Spread {
     /// Variance along `offset_m`; the greatest one where that has no direction.
     fn radial_var_m2(&self, offset_m: V2) -> f64 {
         let squared = offset_m.norm_squared();
-        if squared > 0.0 { (offset_m.dot(&(self.cov_m2 * offset_m)) / squared).max(0.0) } else { self.most_var_m2 }
+        if squared > 0.0 {
+            (offset_m.dot(&(self.cov_m2 * offset_m)) / squared).max(0.0)
+        } else {
+            self.most_var_m2
+        }
     }
 
     fn within(&self, offset_m: V2, radius_m: f64) -> f64 {
@@ -215,7 +219,8 @@ impl Chances {
         let mut step_m = 4.0 * SMALLEST_HALF_M;
         while step_m > 1e-3 {
             let ways = [V2::x(), V2::y(), -V2::x(), -V2::y()].map(|way| at + way * step_m);
-            let better = ways.into_iter().filter(|&to| keep_out.allows(to)).map(|to| (self.crowd.value(to), to));
+            let better =
+                ways.into_iter().filter(|&to| keep_out.allows(to)).map(|to| (self.crowd.value(to), to));
             match better.reduce(|a, b| if b.0 > a.0 { b } else { a }) {
                 Some((higher, to)) if higher > value + 1e-12 => (at, value) = (to, higher),
                 _ => step_m *= 0.5,

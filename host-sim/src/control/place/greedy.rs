@@ -31,7 +31,8 @@ pub fn place(objective: Objective<'_>, fleet: Fleet) -> Result<Placement, PlaceE
     match objective {
         Objective::Guaranteed(users) => {
             let never_coverable = users.iter().filter(|u| u.radius_m < 0.0).count();
-            let mut placement = Counting::new(users).map_or_else(|| none(fleet), |mut step| greedy(&mut step, fleet));
+            let mut placement =
+                Counting::new(users).map_or_else(|| none(fleet), |mut step| greedy(&mut step, fleet));
             placement.never_coverable = never_coverable;
             // Unit weights add up to whole numbers, and so does the optimum.
             if users.iter().all(|u| u.weight.fract() == 0.0) {
@@ -56,7 +57,8 @@ fn greedy(step: &mut impl Step, fleet: Fleet) -> Placement {
     placement.upper_bound = f64::INFINITY;
     for index in 0..=fleet.drones {
         let best = if index < fleet.drones { step.best(&keep_out) } else { None };
-        let (value, mut ceiling) = best.as_ref().map_or((0.0, 0.0), |(site, ceiling)| (site.expected, *ceiling));
+        let (value, mut ceiling) =
+            best.as_ref().map_or((0.0, 0.0), |(site, ceiling)| (site.expected, *ceiling));
         // The bound is on sites that keep clear of each other, but not of those chosen here.
         if index == fleet.drones || !keep_out.is_empty() {
             ceiling = step.ceiling(value).max(ceiling);

@@ -38,7 +38,8 @@ fn crossings(p: V2, r: f64, q: V2, s: f64) -> Vec<V2> {
 /// Every centre at which a greatest weight must be found: the users, the crossings of their circles, and
 /// those with the shores of exclusion disks, whose directions to and from the users count as well.
 fn candidates(users: &[PlaceUser], taken: &[V2], shore_m: f64) -> Vec<V2> {
-    let mut circles: Vec<(V2, f64)> = users.iter().filter(|u| u.radius_m >= 0.0).map(|u| (u.pos_m, u.radius_m)).collect();
+    let mut circles: Vec<(V2, f64)> =
+        users.iter().filter(|u| u.radius_m >= 0.0).map(|u| (u.pos_m, u.radius_m)).collect();
     let mut points: Vec<V2> = circles.iter().map(|c| c.0).collect();
     circles.extend(taken.iter().map(|&t| (t, shore_m + 1e-9)));
     for (i, a) in circles.iter().enumerate() {
@@ -195,16 +196,23 @@ fn degenerate_inputs_have_plain_answers() {
     assert!(one.proved_optimal && one.sites[1].is_none());
 
     let out_of_reach = run(&[user(0.0, 0.0, -1.0), user(1.0, 1.0, -1e-9)]);
-    assert_eq!((out_of_reach.covered, out_of_reach.never_coverable, out_of_reach.proved_optimal), (0, 2, true));
+    assert_eq!(
+        (out_of_reach.covered, out_of_reach.never_coverable, out_of_reach.proved_optimal),
+        (0, 2, true)
+    );
 
     let pinned = run(&[user(7.0, 0.0, 0.0), user(0.0, 0.0, 500.0)]);
     assert_eq!(pinned.covered, 2, "a user of radius 0 is covered from right above");
     assert!((pinned.sites[0].as_ref().unwrap().pos_m - V2::new(7.0, 0.0)).norm() < 1e-6);
 
     let coincident = run(&[user(5.0, 5.0, 500.0); 11]);
-    assert_eq!((coincident.covered, coincident.sites[1].is_none(), coincident.proved_optimal), (11, true, true));
+    assert_eq!(
+        (coincident.covered, coincident.sites[1].is_none(), coincident.proved_optimal),
+        (11, true, true)
+    );
 
-    let collinear: Vec<PlaceUser> = (0..9).map(|i| user(250.0 * f64::from(i), 250.0 * f64::from(i), 500.0)).collect();
+    let collinear: Vec<PlaceUser> =
+        (0..9).map(|i| user(250.0 * f64::from(i), 250.0 * f64::from(i), 500.0)).collect();
     let sites = run(&collinear);
     assert_eq!(sites.covered, 9);
 
@@ -223,16 +231,20 @@ fn degenerate_inputs_have_plain_answers() {
 fn crowded_users_stay_cheap() {
     // 20,000 within a metre: every circle crosses every other close to the same two curves.
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let users: Vec<PlaceUser> = (0..20_000).map(|_| PlaceUser { pos_m: point(&mut rng, 1.0), ..user(0.0, 0.0, 500.0) }).collect();
-    let placement = place(Objective::Guaranteed(&users), Fleet { drones: 2, min_separation_m: 15.0 }).unwrap();
+    let users: Vec<PlaceUser> =
+        (0..20_000).map(|_| PlaceUser { pos_m: point(&mut rng, 1.0), ..user(0.0, 0.0, 500.0) }).collect();
+    let placement =
+        place(Objective::Guaranteed(&users), Fleet { drones: 2, min_separation_m: 15.0 }).unwrap();
     assert_eq!((placement.covered, placement.proved_optimal), (20_000, true));
 }
 
 #[test]
 fn drones_without_users_stay_home_and_sites_keep_apart() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let users: Vec<PlaceUser> = (0..400).map(|_| PlaceUser { pos_m: point(&mut rng, 900.0), ..user(0.0, 0.0, 470.0) }).collect();
-    let placement = place(Objective::Guaranteed(&users), Fleet { drones: 12, min_separation_m: 15.0 }).unwrap();
+    let users: Vec<PlaceUser> =
+        (0..400).map(|_| PlaceUser { pos_m: point(&mut rng, 900.0), ..user(0.0, 0.0, 470.0) }).collect();
+    let placement =
+        place(Objective::Guaranteed(&users), Fleet { drones: 12, min_separation_m: 15.0 }).unwrap();
     let sites: Vec<&Site> = placement.sites.iter().flatten().collect();
     assert!(sites.len() >= 2);
     for (i, a) in sites.iter().enumerate() {
@@ -245,8 +257,14 @@ fn drones_without_users_stay_home_and_sites_keep_apart() {
 fn bad_input_is_named() {
     let fleet = Fleet { drones: 1, min_separation_m: 0.0 };
     let bad = |users: &[PlaceUser]| place(Objective::Guaranteed(users), fleet).unwrap_err().to_string();
-    assert_eq!(bad(&[user(0.0, 0.0, 1.0), user(0.0, f64::NAN, 1.0)]), "user 1: pos_m.y is NaN, expected a finite value within +-1e8 m");
-    assert_eq!(bad(&[user(0.0, 0.0, f64::INFINITY)]), "user 0: radius_m is inf, expected a finite value within +-1e8 m");
+    assert_eq!(
+        bad(&[user(0.0, 0.0, 1.0), user(0.0, f64::NAN, 1.0)]),
+        "user 1: pos_m.y is NaN, expected a finite value within +-1e8 m"
+    );
+    assert_eq!(
+        bad(&[user(0.0, 0.0, f64::INFINITY)]),
+        "user 0: radius_m is inf, expected a finite value within +-1e8 m"
+    );
     assert!(matches!(
         place(Objective::Guaranteed(&[PlaceUser { weight: -1.0, ..user(0.0, 0.0, 1.0) }]), fleet),
         Err(PlaceError::BadWeight { user: 0, .. })
@@ -278,7 +296,9 @@ fn truth_probability_of_service_matches_sampling() {
         let way = point(&mut rng, 1.0);
         let centre_m = belief.pos_m + way / way.norm() * distance_m;
         const DRAWS: u32 = 40_000;
-        let hits = (0..DRAWS).filter(|_| (belief.pos_m + root * normals(&mut rng) - centre_m).norm() <= 500.0).count();
+        let hits = (0..DRAWS)
+            .filter(|_| (belief.pos_m + root * normals(&mut rng) - centre_m).norm() <= 500.0)
+            .count();
         let sampled = hits as f64 / f64::from(DRAWS);
         let found = belief.within(centre_m, 500.0);
         assert!((found - sampled).abs() < 0.012, "at {distance_m}: found {found}, sampled {sampled}");
@@ -295,7 +315,8 @@ fn truth_expected_step_beats_every_centre_of_a_grid() {
             .collect();
         let fleet = Fleet { drones: 1, min_separation_m: 0.0 };
         let placement = place(Objective::Expected { users: &users, radius_m: 300.0 }, fleet).unwrap();
-        let grid = (0..=600).flat_map(|x| (0..=600).map(move |y| V2::new(f64::from(x) * 2.5, f64::from(y) * 2.5)));
+        let grid =
+            (0..=600).flat_map(|x| (0..=600).map(move |y| V2::new(f64::from(x) * 2.5, f64::from(y) * 2.5)));
         let best = grid.map(|at| expected_served(at, &users, 300.0)).fold(0.0, f64::max);
         assert!(placement.value >= best - expected::GAP_USERS, "found {}, grid {best}", placement.value);
         assert!(placement.upper_bound >= best && placement.upper_bound < best + 0.2);
@@ -305,8 +326,10 @@ fn truth_expected_step_beats_every_centre_of_a_grid() {
 #[test]
 fn certain_positions_make_the_objectives_agree() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let users: Vec<PlaceUser> = (0..80).map(|_| PlaceUser { pos_m: point(&mut rng, 4000.0), ..user(0.0, 0.0, 500.0) }).collect();
-    let beliefs: Vec<UserBelief> = users.iter().map(|u| UserBelief { pos_m: u.pos_m, cov_m2: Matrix2::zeros() }).collect();
+    let users: Vec<PlaceUser> =
+        (0..80).map(|_| PlaceUser { pos_m: point(&mut rng, 4000.0), ..user(0.0, 0.0, 500.0) }).collect();
+    let beliefs: Vec<UserBelief> =
+        users.iter().map(|u| UserBelief { pos_m: u.pos_m, cov_m2: Matrix2::zeros() }).collect();
     let fleet = Fleet { drones: 1, min_separation_m: 0.0 };
     let counted = place(Objective::Guaranteed(&users), fleet).unwrap();
     let expected = place(Objective::Expected { users: &beliefs, radius_m: 500.0 }, fleet).unwrap();

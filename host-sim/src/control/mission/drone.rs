@@ -1,0 +1,247 @@
+//! The control center's end of one drone's link: numbering, the sequence window, and commands that are
+//! repeated until they are acknowledged.
+
+use skyroost_protocol::{
+    codec::{Frame, Sender},
+    message::{
+        AckStatus, Command, Down, FlightPhase, LanePiece, MAX_LANE_PIECE, MissionHeader, SharedState,
+        Telemetry, lanes_crc,
+    },
+    session::Receiver,
+    units::{CommandId, DroneId, TimePs},
+};
+use std::collections::VecDeque;
+
+/// A command without an answer is repeated after this time: two ways of the radio and some.
+const REPEAT_AFTER: TimePs = TimePs::from_ms(600);
+/// Repetitions before the drone counts as unreachable.
+const MOST_REPEATS: u32 = 50;
+
+/// A command under way.
+#[derive(Clone, Debug)]
+struct UnderWay {
+    id: CommandId,
+    command: Command,
+    sent: TimePs,
+    repeats: u32,
+}
+
+/// Why a drone does not do what it is told.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DroneFailure {
+    /// It never answered.
+    #[error("drone {drone} did not answer {command}", drone = .drone.0)]
+    Unreachable {
+        /// Which drone.
+        drone: DroneId,
+        /// What it was told.
+        command: &'static str,
+    },
+    /// It refused.
+    #[error("drone {drone} refused {command}: {status:?}", drone = .drone.0)]
+    Refused {
+        /// Which drone.
+        drone: DroneId,
+        /// What it was told.
+        command: &'static str,
+        /// Its answer.
+        status: AckStatus,
+    },
+}
+
+/// One drone as the control center sees it.
+#[derive(Debug)]
+pub struct DroneLink {
+    /// Who.
+    pub id: DroneId,
+    /// Whether it said hello with a schema this control center reads.
+    pub connected: bool,
+    /// Its last shared state.
+    pub state: Option<SharedState>,
+    /// Its last telemetry.
+    pub telemetry: Option<Telemetry>,
+    sender: Sender,
+    receiver: Receiver,
+    queue: VecDeque<Command>,
+    under_way: Option<UnderWay>,
+    next_command: u16,
+    upload: Option<(MissionHeader, Vec<[i32; 2]>)>,
+}
+
+impl DroneLink {
+    /// A drone not heard of yet.
+    #[must_use]
+    pub fn new(id: DroneId) -> Self {
+        Self {
+            id,
+            connected: false,
+            state: None,
+            telemetry: None,
+            sender: Sender::new(DroneId::CONTROL, 1),
+            receiver: Receiver::default(),
+            queue: VecDeque::new(),
+            under_way: None,
+            next_command: 1,
+            upload: None,
+        }
+    }
+
+    /// Sequence window of the frames it sends.
+    pub fn receiver(&mut self) -> &mut Receiver {
+        &mut self.receiver
+    }
+
+    /// Phase of flight by its last telemetry.
+    #[must_use]
+    pub fn phase(&self) -> Option<FlightPhase> {
+        self.telemetry.map(|t| t.phase)
+    }
+
+    /// The next frame with this message.
+    ///
+    /// # Panics
+    /// Never: a frame holds every message.
+    pub fn frame(&mut self, message: &Down) -> Frame {
+        self.sender.down(message).expect("a frame holds every message")
+    }
+
+    /// Gives a command; commands are carried out in order.
+    pub fn command(&mut self, command: Command) {
+        self.queue.push_back(command);
+    }
+
+    /// Gives the mission: announcement, lanes, commit.
+    pub fn upload(&mut self, header: MissionHeader, waypoints_mm: Vec<[i32; 2]>) {
+        assert_eq!(usize::from(header.waypoints), waypoints_mm.len(), "the header counts the lanes");
+        let lanes_crc = lanes_crc(&waypoints_mm);
+        self.command(Command::UploadBegin(header));
+        self.command(Command::UploadCommit { mission: header.mission, lanes_crc });
+        self.upload = Some((header, waypoints_mm));
+    }
+
+    /// Whether every command given was accepted.
+    #[must_use]
+    pub fn idle(&self) -> bool {
+        self.queue.is_empty() && self.under_way.is_none()
+    }
+
+    /// An acknowledgement came.
+    ///
+    /// # Errors
+    /// When the drone refuses for good.
+    pub fn acknowledged(
+        &mut self,
+        id: CommandId,
+        status: AckStatus,
+        mut send: impl FnMut(Frame),
+    ) -> Result<(), DroneFailure> {
+        let Some(under_way) = self.under_way.take_if(|u| u.id == id) else { return Ok(()) };
+        match (status, under_way.command) {
+            (AckStatus::Accepted, Command::UploadBegin(_)) => self.send_lanes(0, &mut send),
+            (AckStatus::Accepted, _) => {}
+            (AckStatus::Incomplete { first_missing }, commit @ Command::UploadCommit { .. }) => {
+                self.send_lanes(first_missing, &mut send);
+                // A new number: the drone answers a known one without looking again.
+                self.queue.push_front(commit);
+            }
+            (status, command) => {
+                return Err(DroneFailure::Refused { drone: self.id, command: name(&command), status });
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the next command, or repeats the one under way when its answer is overdue.
+    ///
+    /// # Errors
+    /// When the drone has not answered for too long.
+    pub fn step(&mut self, now: TimePs, mut send: impl FnMut(Frame)) -> Result<(), DroneFailure> {
+        if self.under_way.is_none()
+            && let Some(command) = self.queue.pop_front()
+        {
+            let id = CommandId(self.next_command);
+            self.next_command = self.next_command.wrapping_add(1);
+            let message = Down::Command { id, command: command.clone() };
+            self.under_way = Some(UnderWay { id, command, sent: now, repeats: 0 });
+            send(self.frame(&message));
+        } else if let Some(under_way) = &mut self.under_way
+            && now.since(under_way.sent) >= REPEAT_AFTER
+        {
+            under_way.sent = now;
+            under_way.repeats += 1;
+            if under_way.repeats > MOST_REPEATS {
+                return Err(DroneFailure::Unreachable { drone: self.id, command: name(&under_way.command) });
+            }
+            let message = Down::Command { id: under_way.id, command: under_way.command.clone() };
+            send(self.frame(&message));
+        }
+        Ok(())
+    }
+
+    fn send_lanes(&mut self, from: u16, send: &mut impl FnMut(Frame)) {
+        let Some((header, lanes)) = self.upload.take() else { return };
+        let first_piece = usize::from(from) / MAX_LANE_PIECE;
+        for (index, piece) in lanes.chunks(MAX_LANE_PIECE).enumerate().skip(first_piece) {
+            let waypoints_mm = heapless::Vec::from_slice(piece).expect("a chunk fits a piece");
+            let first = (index * MAX_LANE_PIECE) as u16;
+            let piece = LanePiece { mission: header.mission, first, waypoints_mm };
+            send(self.frame(&Down::LanePiece(piece)));
+        }
+        self.upload = Some((header, lanes));
+    }
+}
+
+/// A command's name, for people.
+fn name(command: &Command) -> &'static str {
+    match command {
+        Command::UploadBegin(_) => "the mission upload",
+        Command::UploadCommit { .. } => "the end of the mission upload",
+        Command::TakeOff => "take-off",
+        Command::StartSweep { .. } => "the start of the sweep",
+        Command::Place { .. } => "the placement",
+        Command::Hold => "hold",
+        Command::ReturnHome => "return home",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skyroost_protocol::codec::{Message, decode};
+
+    fn sent(link: &mut DroneLink, ms: i64) -> Vec<Message> {
+        let mut frames = Vec::new();
+        link.step(TimePs::from_ms(ms), |f| frames.push(decode(&f).unwrap().1)).unwrap();
+        frames
+    }
+
+    #[test]
+    fn a_command_is_repeated_until_acknowledged() {
+        let mut link = DroneLink::new(DroneId(1));
+        link.command(Command::TakeOff);
+        link.command(Command::Hold);
+        let first = sent(&mut link, 0);
+        assert!(matches!(first[..], [Message::Down(Down::Command { id: CommandId(1), .. })]));
+        assert!(sent(&mut link, 100).is_empty());
+        assert_eq!(sent(&mut link, 700), first);
+        link.acknowledged(CommandId(1), AckStatus::Accepted, |_| {}).unwrap();
+        link.acknowledged(CommandId(1), AckStatus::Accepted, |_| {}).unwrap(); // late twin
+        assert!(matches!(sent(&mut link, 720)[..], [Message::Down(Down::Command { id: CommandId(2), .. })]));
+        let refused = link.acknowledged(CommandId(2), AckStatus::WrongPhase, |_| {}).unwrap_err();
+        assert_eq!(refused.to_string(), "drone 1 refused hold: WrongPhase");
+    }
+
+    #[test]
+    fn a_silent_drone_is_given_up() {
+        let mut link = DroneLink::new(DroneId(7));
+        link.command(Command::TakeOff);
+        let mut result = Ok(());
+        for s in 0..100 {
+            result = link.step(TimePs::from_ms(s * 1000), |_| {});
+            if result.is_err() {
+                break;
+            }
+        }
+        assert_eq!(result.unwrap_err().to_string(), "drone 7 did not answer take-off");
+    }
+}

@@ -1,0 +1,424 @@
+//! The control center as a state machine: frames in, frames out, no clock and no world of its own.
+//!
+//! Connect, upload, take off, sweep, locate, place, deploy, serve. Whatever is commanded is repeated
+//! until acknowledged ([`drone`]); measurements are not repeated, as the next occasion is a second away.
+
+pub mod drone;
+pub mod plan;
+mod stages;
+
+use crate::{
+    control::{
+        localize::{Capture, Localization, LocalizeError, Occasion},
+        place::{PlaceError, Placement},
+        relay::Relay,
+        srs_schedule::{FleetSchedule, Scheduled},
+    },
+    geometry::V3,
+};
+use drone::{DroneFailure, DroneLink};
+use plan::MissionPlan;
+use skyroost_protocol::{
+    MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
+    codec::{Message, decode},
+    message::{Down, EventCode, MAX_PEERS_PER_FRAME, PeerState, TdoaEntry, TdoaFlags, Up},
+    units::{DroneId, OccasionId, PosEnuMm, TimePs},
+};
+use thiserror::Error;
+
+/// Neighbours whose state is relayed to each drone.
+pub const RELAYED_NEIGHBOURS: usize = 32;
+
+/// What the control center is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Waiting for every drone's hello.
+    Connect,
+    /// Uploading the lanes.
+    Upload,
+    /// Waiting until all fleets hold above their pads.
+    TakeOff,
+    /// Flying the lanes and collecting arrival times.
+    Sweep,
+    /// Taking in the last reports before users are located.
+    Collect,
+    /// Flying to the placements.
+    Deploy,
+    /// Every drone is where it should be.
+    Serve,
+}
+
+impl Stage {
+    /// Its name, for people.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Connect => "connect",
+            Self::Upload => "upload",
+            Self::TakeOff => "take off",
+            Self::Sweep => "sweep",
+            Self::Collect => "locate and place",
+            Self::Deploy => "deploy",
+            Self::Serve => "serve",
+        }
+    }
+}
+
+/// Why a mission cannot go on.
+#[derive(Debug, Error)]
+pub enum MissionError {
+    /// A drone does not do what it is told.
+    #[error(transparent)]
+    Drone(#[from] DroneFailure),
+    /// A drone speaks another protocol.
+    #[error(
+        "drone {drone} speaks protocol {version_min} to {version_max} with schema {schema_hash:08x}, \
+         expected {PROTOCOL_VERSION} with {SCHEMA_HASH:08x}"
+    )]
+    Incompatible {
+        /// Which drone.
+        drone: u16,
+        /// Its oldest version.
+        version_min: u8,
+        /// Its newest version.
+        version_max: u8,
+        /// Its schema.
+        schema_hash: u32,
+    },
+    /// A stage took longer than it can.
+    #[error("stage '{stage}' did not end within {limit_s} s: {waiting}")]
+    Stuck {
+        /// Which stage.
+        stage: &'static str,
+        /// How long it was given, seconds.
+        limit_s: f64,
+        /// Who is waited for.
+        waiting: String,
+    },
+    /// A measurement that no estimator can use came through every check.
+    #[error(transparent)]
+    Localize(#[from] LocalizeError),
+    /// A placement problem that no solver can take came out of localization.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
+}
+
+/// What came in from the drones and could not be used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ControlCounters {
+    /// Frames that did not decode or came from nobody known.
+    pub frames_rejected: u64,
+    /// Frames seen before, or too old.
+    pub frames_repeated: u64,
+    /// TDOA reports of occasions that were never asked for, or of another user.
+    pub tdoa_unknown: u64,
+    /// TDOA reports seen before.
+    pub tdoa_repeated: u64,
+    /// Differences that did not fit their 32 bits.
+    pub tdoa_saturated: u64,
+}
+
+/// Something the operator should know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OperatorEvent {
+    /// When, by the drone's word.
+    pub time: TimePs,
+    /// Who said so.
+    pub drone: DroneId,
+    /// What.
+    pub code: EventCode,
+    /// Its value.
+    pub value: u32,
+}
+
+/// Where a drone was sent in the second stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// Index of the drone in the plan.
+    pub drone: usize,
+    /// Index of the site in the placement; none for a drone that nobody needs and that flies home.
+    pub site: Option<usize>,
+}
+
+/// The control center.
+#[derive(Debug)]
+pub struct ControlCenter {
+    plan: MissionPlan,
+    stage: Stage,
+    stage_since: TimePs,
+    drones: Vec<DroneLink>,
+    schedules: Vec<FleetSchedule>,
+    scheduled: Vec<Scheduled>,
+    reported: Vec<bool>,
+    occasions: Vec<Occasion>,
+    occasion_ids: Vec<OccasionId>,
+    relay: Relay,
+    relay_due: TimePs,
+    relay_positions: Vec<V3>,
+    relay_drones: Vec<usize>,
+    sweep_started: Option<TimePs>,
+    localization: Localization,
+    placement: Option<Placement>,
+    targets: Vec<Target>,
+    events: Vec<OperatorEvent>,
+    counters: ControlCounters,
+}
+
+impl ControlCenter {
+    /// Before the first word of any drone.
+    #[must_use]
+    pub fn new(plan: MissionPlan) -> Self {
+        let schedules = plan.fleets.iter().enumerate();
+        let schedules = schedules.map(|(f, fleet)| FleetSchedule::new(f, fleet.mates, plan.srs)).collect();
+        Self {
+            drones: plan.drones.iter().map(|d| DroneLink::new(d.id)).collect(),
+            schedules,
+            plan,
+            stage: Stage::Connect,
+            stage_since: TimePs(0),
+            scheduled: Vec::new(),
+            reported: Vec::new(),
+            occasions: Vec::new(),
+            occasion_ids: Vec::new(),
+            relay: Relay::new(RELAYED_NEIGHBOURS),
+            relay_due: TimePs(0),
+            relay_positions: Vec::new(),
+            relay_drones: Vec::new(),
+            sweep_started: None,
+            localization: Localization::default(),
+            placement: None,
+            targets: Vec::new(),
+            events: Vec::new(),
+            counters: ControlCounters::default(),
+        }
+    }
+
+    /// What it is doing.
+    #[must_use]
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// The mission.
+    #[must_use]
+    pub fn plan(&self) -> &MissionPlan {
+        &self.plan
+    }
+
+    /// Common start of the lanes, once commanded.
+    #[must_use]
+    pub fn sweep_started(&self) -> Option<TimePs> {
+        self.sweep_started
+    }
+
+    /// SRS occasions asked for so far; the index is the occasion's number.
+    #[must_use]
+    pub fn scheduled(&self) -> &[Scheduled] {
+        &self.scheduled
+    }
+
+    /// Occasions reported so far, in order of arrival.
+    #[must_use]
+    pub fn occasions(&self) -> &[Occasion] {
+        &self.occasions
+    }
+
+    /// Number of each of the [`occasions`](Self::occasions).
+    #[must_use]
+    pub fn occasion_ids(&self) -> &[OccasionId] {
+        &self.occasion_ids
+    }
+
+    /// Where the users are; empty before they are located.
+    #[must_use]
+    pub fn localization(&self) -> &Localization {
+        &self.localization
+    }
+
+    /// The placement, once planned.
+    #[must_use]
+    pub fn placement(&self) -> Option<&Placement> {
+        self.placement.as_ref()
+    }
+
+    /// Who was sent where.
+    #[must_use]
+    pub fn targets(&self) -> &[Target] {
+        &self.targets
+    }
+
+    /// Events that drones reported, in order of arrival.
+    #[must_use]
+    pub fn events(&self) -> &[OperatorEvent] {
+        &self.events
+    }
+
+    /// What could not be used.
+    #[must_use]
+    pub fn counters(&self) -> &ControlCounters {
+        &self.counters
+    }
+
+    /// Takes in a frame from the link of `from`.
+    ///
+    /// # Errors
+    /// When the drone refuses a command or speaks another protocol.
+    pub fn receive(
+        &mut self,
+        from: DroneId,
+        bytes: &[u8],
+        send: &mut impl FnMut(DroneId, &[u8]),
+    ) -> Result<(), MissionError> {
+        let index = self.drones.iter().position(|d| d.id == from);
+        let (Some(index), Ok((header, Message::Up(message)))) = (index, decode(bytes)) else {
+            self.counters.frames_rejected += 1;
+            return Ok(());
+        };
+        let drone = &mut self.drones[index];
+        if header.sender != from || !drone.receiver().accept(&header).is_accepted() {
+            self.counters.frames_repeated += 1;
+            return Ok(());
+        }
+        match message {
+            Up::Hello { version_min, version_max, schema_hash, .. } => {
+                let version = PROTOCOL_VERSION.min(version_max);
+                if schema_hash != SCHEMA_HASH || version < version_min.max(MIN_PROTOCOL_VERSION) {
+                    let drone = from.0;
+                    return Err(MissionError::Incompatible { drone, version_min, version_max, schema_hash });
+                }
+                drone.connected = true;
+                let frame = drone.frame(&Down::Welcome { version, schema_hash: SCHEMA_HASH });
+                send(from, &frame);
+            }
+            Up::CommandAck { command, status } => {
+                drone.acknowledged(command, status, |frame| send(from, &frame))?;
+            }
+            Up::Heartbeat => {}
+            Up::SharedState(state) => {
+                if drone.state.is_none_or(|known| known.time < state.time) {
+                    drone.state = Some(state);
+                }
+            }
+            Up::Telemetry(telemetry) => {
+                if drone.telemetry.is_none_or(|known| known.time < telemetry.time) {
+                    drone.telemetry = Some(telemetry);
+                }
+            }
+            Up::Attached(page) => {
+                if let Some((fleet, _)) = self.plan.drones[index].fleet {
+                    self.schedules[fleet].heard(from, &page);
+                }
+            }
+            Up::Tdoa(entries) => entries.iter().for_each(|entry| self.measured(from, entry)),
+            Up::Event { code, time, value } => {
+                self.events.push(OperatorEvent { time, drone: from, code, value });
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs what is due at `now`: commands, relays, requests, and the next stage.
+    ///
+    /// # Errors
+    /// When the mission cannot go on.
+    pub fn step(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), MissionError> {
+        for drone in &mut self.drones {
+            let id = drone.id;
+            drone.step(now, |frame| send(id, &frame))?;
+        }
+        if now >= self.relay_due {
+            self.relay_due = now.after(self.plan.relay_period);
+            self.relay_states(send);
+        }
+        if self.stage == Stage::Sweep {
+            self.ask_for_srs(now, send);
+        }
+        self.advance(now)
+    }
+
+    fn ask_for_srs(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
+        for (schedule, fleet) in self.schedules.iter_mut().zip(&self.plan.fleets) {
+            let drones = &mut self.drones;
+            schedule.step(now, &mut self.scheduled, |request| {
+                let message = Down::SrsRequest(request);
+                for drone in drones.iter_mut().filter(|d| fleet.mates.contains(&d.id)) {
+                    let frame = drone.frame(&message);
+                    send(drone.id, &frame);
+                }
+            });
+        }
+        self.reported.resize(self.scheduled.len(), false);
+    }
+
+    /// Relays to each drone the states of its nearest neighbours (paper section 3.3: drones share
+    /// location and velocity through the control center).
+    fn relay_states(&mut self, send: &mut impl FnMut(DroneId, &[u8])) {
+        self.relay_positions.clear();
+        self.relay_drones.clear();
+        for (index, drone) in self.drones.iter().enumerate() {
+            if let Some(state) = drone.state {
+                self.relay_positions.push(pos_m(&state.pos));
+                self.relay_drones.push(index);
+            }
+        }
+        self.relay.update(&self.relay_positions);
+        for (row, &index) in self.relay_drones.iter().enumerate() {
+            for neighbours in self.relay.neighbours(row).chunks(MAX_PEERS_PER_FRAME) {
+                let states = neighbours.iter().filter_map(|&other| {
+                    let other = &self.drones[self.relay_drones[usize::from(other)]];
+                    other.state.map(|state| PeerState { drone: other.id, state })
+                });
+                let message = Down::Peers(states.collect());
+                let drone = &mut self.drones[index];
+                let frame = drone.frame(&message);
+                send(drone.id, &frame);
+            }
+        }
+        // Whoever hears no relay must still hear that the link lives.
+        for drone in self.drones.iter_mut().filter(|d| d.connected && d.state.is_none()) {
+            let frame = drone.frame(&Down::Heartbeat);
+            send(drone.id, &frame);
+        }
+    }
+
+    /// A TDOA report becomes an occasion of its user, once.
+    fn measured(&mut self, serving: DroneId, entry: &TdoaEntry) {
+        let number = entry.occasion.0 as usize;
+        let Some(asked) = self.scheduled.get(number).filter(|s| s.user == entry.user) else {
+            self.counters.tdoa_unknown += 1;
+            return;
+        };
+        if std::mem::replace(&mut self.reported[number], true) {
+            self.counters.tdoa_repeated += 1;
+            return;
+        }
+        let own =
+            Capture { drone: serving, pos_enu_m: pos_m(&entry.pos).into(), toa_ns: 0.0, sigma_ns: None };
+        let mut captures = heapless::Vec::from_iter([own]);
+        for mate in &entry.mates {
+            if mate.flags.contains(TdoaFlags::SATURATED) {
+                self.counters.tdoa_saturated += 1;
+                continue;
+            }
+            let capture = Capture {
+                drone: mate.drone,
+                pos_enu_m: pos_m(&mate.pos).into(),
+                toa_ns: f64::from(mate.tdoa.0) * 1e-3,
+                sigma_ns: None,
+            };
+            captures.push(capture).expect("one serving drone and two mates");
+        }
+        self.occasion_ids.push(entry.occasion);
+        self.occasions.push(Occasion {
+            user: entry.user,
+            clock_group: asked.fleet as u16,
+            time_s: asked.at.0 as f64 * 1e-12,
+            captures,
+        });
+    }
+}
+
+/// Metres from wire millimetres.
+fn pos_m(pos: &PosEnuMm) -> V3 {
+    V3::from(pos.0.map(|mm| f64::from(mm) * 1e-3))
+}

@@ -1,0 +1,61 @@
+//! What the control center is told before a mission: who flies, from where, along which lanes.
+
+use crate::{
+    control::{localize::LocalizeConfig, srs_schedule::SrsConfig},
+    geometry::{V2, V3},
+};
+use skyroost_protocol::{
+    message::Heading,
+    units::{DroneId, TimePs},
+};
+
+/// A mission to fly.
+#[derive(Clone, Debug)]
+pub struct MissionPlan {
+    /// All drones; those of a fleet and the reserves.
+    pub drones: Vec<PlannedDrone>,
+    /// The fleets with their lanes.
+    pub fleets: Vec<PlannedFleet>,
+    /// Side of the triangle (the paper's `d`), metres.
+    pub spacing_m: f64,
+    /// How the triangle turns.
+    pub heading: Heading,
+    /// Direction of slot 0 from the triangle's centre, radians from east.
+    pub orientation_rad: f64,
+    /// Cruise speed, metres a second.
+    pub speed_mps: f64,
+    /// Altitude of flight, metres.
+    pub altitude_m: f64,
+    /// Coverage radius (the paper's `R_C`), metres.
+    pub radius_m: f64,
+    /// Separation of true centres (the paper's `d_safe`), metres.
+    pub d_safe_m: f64,
+    /// Least distance of two placements: what avoidance plans with, so that both can be held.
+    pub min_goal_distance_m: f64,
+    /// How often users are asked.
+    pub srs: SrsConfig,
+    /// How users are located.
+    pub localize: LocalizeConfig,
+    /// Every so often shared states are relayed.
+    pub relay_period: TimePs,
+}
+
+/// A drone of the mission.
+#[derive(Clone, Copy, Debug)]
+pub struct PlannedDrone {
+    /// Who.
+    pub id: DroneId,
+    /// Where it stands.
+    pub pad_m: V3,
+    /// Index of its fleet and its slot; none for a reserve.
+    pub fleet: Option<(usize, u8)>,
+}
+
+/// A fleet of the mission.
+#[derive(Clone, Debug)]
+pub struct PlannedFleet {
+    /// Its drones by slot.
+    pub mates: [DroneId; 3],
+    /// Lanes of the triangle's centre, transit included.
+    pub waypoints_m: Vec<V2>,
+}

@@ -1,0 +1,227 @@
+//! From stage to stage: what each waits for, what it begins with, how long it may take.
+
+use super::{ControlCenter, MissionError, Stage, Target, pos_m};
+use crate::{
+    control::{
+        assign::assign,
+        localize::{FixStatus, localize},
+        place::{Fleet, Objective, UserBelief, place},
+    },
+    geometry::V2,
+};
+use nalgebra::Matrix2;
+use skyroost_protocol::{
+    message::{Command, FlightPhase, MissionHeader},
+    units::{DroneId, MissionId, PosEnuMm, TimePs, mm_from_m},
+};
+
+/// From the command to the common start of the lanes: time for two repetitions.
+const START_LEAD: TimePs = TimePs::from_ms(2_000);
+/// After the last lane reports of the last occasions still arrive.
+const COLLECT_FOR: TimePs = TimePs::from_ms(1_500);
+/// The only mission of a control center so far.
+const MISSION: MissionId = MissionId(1);
+
+impl ControlCenter {
+    /// Ends the stage when what it waits for is there.
+    pub(super) fn advance(&mut self, now: TimePs) -> Result<(), MissionError> {
+        let next = match self.stage {
+            Stage::Connect => self.drones.iter().all(|d| d.connected).then_some(Stage::Upload),
+            Stage::Upload => self.drones.iter().all(|d| d.idle()).then_some(Stage::TakeOff),
+            Stage::TakeOff => self.fleets_in(FlightPhase::Hold, now).then_some(Stage::Sweep),
+            Stage::Sweep => (self.sweep_started.is_some_and(|start| now > start)
+                && self.fleets_in(FlightPhase::Hold, now))
+            .then_some(Stage::Collect),
+            Stage::Collect => (now.since(self.stage_since) >= COLLECT_FOR).then_some(Stage::Deploy),
+            Stage::Deploy => {
+                self.send_off();
+                self.deployed(now).then_some(Stage::Serve)
+            }
+            Stage::Serve => None,
+        };
+        match next {
+            Some(stage) => self.enter(stage, now),
+            None => self.check_patience(now),
+        }
+    }
+
+    fn enter(&mut self, stage: Stage, now: TimePs) -> Result<(), MissionError> {
+        self.stage = stage;
+        self.stage_since = now;
+        match stage {
+            Stage::Connect | Stage::Collect | Stage::Serve => {}
+            Stage::Upload => self.upload(),
+            Stage::TakeOff => self.command_fleets(&Command::TakeOff),
+            Stage::Sweep => {
+                let at = now.after(START_LEAD);
+                self.sweep_started = Some(at);
+                self.command_fleets(&Command::StartSweep { at });
+            }
+            Stage::Deploy => self.locate_and_place()?,
+        }
+        Ok(())
+    }
+
+    /// A stage that outlasts all reason ends the mission, naming who is waited for.
+    fn check_patience(&self, now: TimePs) -> Result<(), MissionError> {
+        let climb_s = self.plan.altitude_m; // at a third of the climb rate
+        let flight_s = |way_m: f64| 2.0 * way_m / self.plan.speed_mps;
+        let limit_s = match self.stage {
+            Stage::Serve => return Ok(()),
+            Stage::Connect | Stage::Upload | Stage::Collect => 120.0,
+            Stage::TakeOff => 120.0 + climb_s,
+            Stage::Sweep => {
+                let longest = self.plan.fleets.iter().map(|f| length_m(&f.waypoints_m)).fold(0.0, f64::max);
+                600.0 + flight_s(longest)
+            }
+            Stage::Deploy => 600.0 + climb_s + flight_s(self.longest_flight_m()),
+        };
+        if now.since(self.stage_since).0 as f64 * 1e-12 <= limit_s {
+            return Ok(());
+        }
+        let waiting: Vec<String> =
+            self.drones.iter().map(|d| format!("drone {} {:?}", d.id.0, d.phase())).collect();
+        Err(MissionError::Stuck { stage: self.stage.name(), limit_s, waiting: waiting.join(", ") })
+    }
+
+    /// Whether every drone of a fleet has done what it was told and says that it is in `phase` now.
+    fn fleets_in(&self, phase: FlightPhase, now: TimePs) -> bool {
+        let fresh = |d: &super::DroneLink| {
+            d.telemetry.is_some_and(|t| t.phase == phase && now.since(t.time) < TimePs::from_ms(2_500))
+                && d.telemetry.is_some_and(|t| t.time > self.stage_since)
+        };
+        let members =
+            self.plan.drones.iter().zip(&self.drones).filter(|(planned, _)| planned.fleet.is_some());
+        members.map(|(_, link)| link).all(|link| link.idle() && fresh(link))
+    }
+
+    fn command_fleets(&mut self, command: &Command) {
+        for (planned, link) in self.plan.drones.iter().zip(&mut self.drones) {
+            if planned.fleet.is_some() {
+                link.command(command.clone());
+            }
+        }
+    }
+
+    fn upload(&mut self) {
+        let plan = &self.plan;
+        for (planned, link) in plan.drones.iter().zip(&mut self.drones) {
+            let fleet = planned.fleet.map(|(index, _)| &plan.fleets[index]);
+            let waypoints: Vec<[i32; 2]> = fleet.map_or_else(Vec::new, |f| {
+                f.waypoints_m
+                    .iter()
+                    .map(|p| [(p.x * 1e3).round() as i32, (p.y * 1e3).round() as i32])
+                    .collect()
+            });
+            let header = MissionHeader {
+                mission: MISSION,
+                fleet: planned.fleet.map(|(index, _)| skyroost_protocol::units::FleetId(index as u16)),
+                mates: fleet.map_or([DroneId::CONTROL; 3], |f| f.mates),
+                slot: planned.fleet.map_or(0, |(_, slot)| slot),
+                spacing_mm: (plan.spacing_m * 1e3) as u32,
+                heading: plan.heading,
+                orientation_mrad: (plan.orientation_rad * 1e3).round() as i16,
+                speed_mmps: (plan.speed_mps * 1e3) as u16,
+                altitude_mm: (plan.altitude_m * 1e3) as u32,
+                home: PosEnuMm(planned.pad_m.map(|m| mm_from_m(m as f32)).into()),
+                waypoints: waypoints.len() as u16,
+                d_safe_mm: (plan.d_safe_m * 1e3) as u16,
+            };
+            link.upload(header, waypoints);
+        }
+    }
+
+    /// Stage two of the paper: estimates of all users, then a placement for every drone.
+    fn locate_and_place(&mut self) -> Result<(), MissionError> {
+        self.localization = localize(&self.occasions, &self.plan.localize)?;
+        let beliefs: Vec<UserBelief> = self
+            .localization
+            .users
+            .iter()
+            .filter(|fix| fix.status == FixStatus::Ok)
+            .map(|fix| UserBelief {
+                pos_m: V2::new(fix.pos_m[0], fix.pos_m[1]),
+                cov_m2: Matrix2::new(fix.cov_m2[0][0], fix.cov_m2[0][1], fix.cov_m2[1][0], fix.cov_m2[1][1]),
+            })
+            .collect();
+        let fleet = Fleet { drones: self.drones.len(), min_separation_m: self.plan.min_goal_distance_m };
+        let objective = Objective::Expected { users: &beliefs, radius_m: self.plan.radius_m };
+        let placement = place(objective, fleet)?;
+        self.targets = self.assign_targets(&placement);
+        for target in &self.targets {
+            if target.site.is_none() && self.plan.drones[target.drone].fleet.is_some() {
+                self.drones[target.drone].command(Command::ReturnHome);
+            }
+        }
+        self.placement = Some(placement);
+        Ok(())
+    }
+
+    /// Which drone flies where, so that the longest flight is the shortest possible.
+    fn assign_targets(&self, placement: &crate::control::place::Placement) -> Vec<Target> {
+        let from: Vec<V2> = (0..self.drones.len()).map(|d| self.drone_pos_m(d)).collect();
+        let sites: Vec<(usize, V2)> = placement
+            .sites
+            .iter()
+            .enumerate()
+            .filter_map(|(index, site)| site.as_ref().map(|s| (index, s.pos_m)))
+            .collect();
+        let goals: Vec<V2> = sites.iter().map(|(_, pos_m)| *pos_m).collect();
+        let chosen = assign(&from, &goals);
+        let site_of = |drone: usize| chosen.iter().position(|&d| d == drone).map(|k| sites[k].0);
+        (0..self.drones.len()).map(|drone| Target { drone, site: site_of(drone) }).collect()
+    }
+
+    /// Where a drone is; a reserve that never flew is on its pad.
+    fn drone_pos_m(&self, drone: usize) -> V2 {
+        self.drones[drone].state.map_or(self.plan.drones[drone].pad_m, |s| pos_m(&s.pos)).xy()
+    }
+
+    fn longest_flight_m(&self) -> f64 {
+        let site_m = |t: &Target| self.site_m(t).map(|goal| (goal - self.drone_pos_m(t.drone)).norm());
+        self.targets.iter().filter_map(site_m).fold(0.0, f64::max) + 10_000.0
+    }
+
+    fn site_m(&self, target: &Target) -> Option<V2> {
+        let site = self.placement.as_ref()?.sites.get(target.site?)?;
+        site.as_ref().map(|s| s.pos_m)
+    }
+
+    /// Sends every drone that is ready to its site: reserves climb first.
+    fn send_off(&mut self) {
+        let targets = std::mem::take(&mut self.targets);
+        for target in &targets {
+            let Some(goal_m) = self.site_m(target) else { continue };
+            let drone = &mut self.drones[target.drone];
+            if !drone.idle() {
+                continue;
+            }
+            match drone.phase() {
+                Some(FlightPhase::Grounded) => drone.command(Command::TakeOff),
+                Some(FlightPhase::Hold) => {
+                    let [x, y, z] =
+                        [goal_m.x, goal_m.y, self.plan.altitude_m].map(|m| (m * 1e3).round() as i32);
+                    drone.command(Command::Place { target: PosEnuMm([x, y, z]) });
+                }
+                _ => {}
+            }
+        }
+        self.targets = targets;
+    }
+
+    fn deployed(&self, now: TimePs) -> bool {
+        self.targets.iter().all(|target| {
+            let drone = &self.drones[target.drone];
+            let wanted = if target.site.is_some() { FlightPhase::Serve } else { FlightPhase::Grounded };
+            drone.idle()
+                && drone
+                    .telemetry
+                    .is_some_and(|t| t.phase == wanted && now.since(t.time) < TimePs::from_ms(2_500))
+        })
+    }
+}
+
+/// Length of a polyline, metres.
+fn length_m(points_m: &[V2]) -> f64 {
+    points_m.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
+}
