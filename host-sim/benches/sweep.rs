@@ -69,7 +69,12 @@ fn sweep(c: &mut Criterion) {
         let tracks = flown(&paper, step_m, sway_m, radius_m);
         let stadiums = legs(&tracks);
         let found = covered(&square, &stadiums);
-        println!("{name}: {} legs, uncovered {} m2, {} rings", stadiums.len(), found.uncovered_area_m2, found.residue.len());
+        println!(
+            "{name}: {} legs, uncovered {} m2, {} rings",
+            stadiums.len(),
+            found.uncovered_area_m2,
+            found.residue.len()
+        );
         c.bench_function(&format!("covered/{name}"), |b| b.iter(|| covered(&square, &stadiums)));
         c.bench_function(&format!("simplified and covered/{name}"), |b| {
             b.iter(|| {

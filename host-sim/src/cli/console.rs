@@ -3,9 +3,9 @@
 use super::exit::Failure;
 use crate::runner::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::cell::Cell;
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
 
 /// Steps of the progress bar: a hundredth of a percent each.
 const BAR_STEPS: u64 = 10_000;
@@ -53,7 +53,7 @@ impl Console {
                 ProgressStyle::with_template(BAR_TEMPLATE).unwrap_or_else(|_| ProgressStyle::default_bar());
             ProgressBar::new(BAR_STEPS).with_style(style)
         });
-        ProgressView { console: self, bar, phase: Cell::new("") }
+        ProgressView { console: self, bar, phase: Mutex::new("") }
     }
 }
 
@@ -61,7 +61,7 @@ impl Console {
 pub(super) struct ProgressView<'a> {
     console: &'a Console,
     bar: Option<ProgressBar>,
-    phase: Cell<&'static str>,
+    phase: Mutex<&'static str>,
 }
 
 impl ProgressView<'_> {
@@ -72,7 +72,9 @@ impl ProgressView<'_> {
             bar.set_message(phase);
             bar.set_prefix(format!("{simulated_s:.0} s"));
             bar.set_position((fraction.clamp(0.0, 1.0) * BAR_STEPS as f64) as u64);
-        } else if self.phase.replace(phase) != phase {
+        } else if std::mem::replace(&mut *self.phase.lock().unwrap_or_else(PoisonError::into_inner), phase)
+            != phase
+        {
             self.console.log(&format!("{phase} (simulated {simulated_s:.0} s)"));
         }
     }

@@ -6,7 +6,7 @@ use super::output::OutputDir;
 use super::{inputs, interrupt};
 use crate::recording::Recording;
 use crate::report::summary::Summary;
-use crate::report::tables;
+use crate::report::{html, tables};
 use crate::runner::{self, Outcome, RunError, RunOptions};
 use crate::scenario::Overrides;
 use clap::Args;
@@ -171,7 +171,7 @@ fn write_results(
         (USERS_FILE, &|file| Ok(tables::write_users(recording, file)?)),
         (TRAJECTORY_FILE, &|file| Ok(tables::write_trajectory(recording, file)?)),
         (RECORDING_FILE, &|file| Ok(serde_json::to_writer(file, recording)?)),
-        (REPORT_FILE, &|file| file.write_all(report_html(summary, recording).as_bytes())),
+        (REPORT_FILE, &|file| file.write_all(report_html(summary, recording)?.as_bytes())),
     ];
     for (name, write) in files {
         if cancel.load(Ordering::Relaxed) {
@@ -185,10 +185,9 @@ fn write_results(
 /// Writes the content of one file.
 type WriteFile<'a> = dyn Fn(&mut BufWriter<File>) -> io::Result<()> + 'a;
 
-/// The report: the figures as text.
-fn report_html(summary: &Summary, _recording: &Recording) -> String {
-    let text = summary.to_string().replace('&', "&amp;").replace('<', "&lt;");
-    format!("<!doctype html>\n<meta charset=\"utf-8\">\n<title>skyroost</title>\n<pre>{text}</pre>\n")
+/// The report as one HTML file.
+fn report_html(summary: &Summary, recording: &Recording) -> serde_json::Result<String> {
+    Ok(html::render(recording, &serde_json::to_value(summary)?))
 }
 
 /// The figures, the verdict, and where the files lie.

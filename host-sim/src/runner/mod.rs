@@ -1,142 +1,275 @@
 //! Flies a mission: the world, the flight code and the control center in step.
+//!
+//! Time goes in windows of [`WINDOW_STEPS`] steps. At the start of each the control center takes in what
+//! has arrived and sends what it has to say; then every island of drones ([`island`]) runs through the
+//! window on its own, on whatever core is free. Nothing that an island does depends on another one within a
+//! window, so the bytes that come out do not depend on the number of threads.
 
-use crate::recording::Recording;
-use crate::report::limits::judge;
-use crate::report::summary::Summary;
-use crate::scenario::{Scenario, ScenarioError};
-use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use thiserror::Error;
+mod digest;
+mod drone;
+mod input;
+mod island;
+mod judge;
+mod setup;
+mod watch;
 
-/// Everything a mission needs, read and checked before anything flies.
-#[derive(Clone, Debug)]
-pub struct MissionInput {
-    /// The scenario, checked.
-    pub scenario: Scenario,
-    /// The area to sweep.
-    pub area: MissionArea,
-    /// The users' true positions; none where they are to be strewn at the scenario's density.
-    pub users: Option<Vec<MissionUser>>,
-}
+pub use input::{InputError, MissionArea, MissionInput, Outcome, Progress, RunError, RunOptions};
 
-/// The area to sweep, in metres from its local origin.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MissionArea {
-    /// Corners in order.
-    pub polygon_m: Vec<[f64; 2]>,
-    /// Longitude and latitude of the local origin, when the area came in WGS84.
-    pub origin_lon_lat_deg: Option<[f64; 2]>,
-}
+use crate::{
+    control::mission::{ControlCenter, MissionError, Stage},
+    geometry::V3,
+    recording::{DroneRecord, EventRecord, PhaseRecord, TrackSample},
+    world::link::LinkCounters,
+};
+use digest::Digest;
+use island::{Island, Surroundings};
+use rayon::prelude::*;
+use setup::Setup;
+use skyroost_firmware::{STEP_US, agent::FlightAgent};
+use skyroost_protocol::units::TimePs;
+use std::{
+    collections::BTreeSet,
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+use watch::{FleetWatch, Separation};
 
-/// A user as the simulated world knows it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MissionUser {
-    /// Name in the results.
-    pub id: String,
-    /// True position: east, north.
-    pub pos_m: [f64; 2],
-}
-
-/// How to fly, apart from what.
-pub struct RunOptions<'a> {
-    /// Threads to use; the results do not depend on them.
-    pub threads: usize,
-    /// Polled at least once a simulated second: when set, the run ends with
-    /// [`RunError::Interrupted`].
-    pub cancel: &'a AtomicBool,
-    /// Told how far the mission is, about once a simulated second.
-    pub progress: &'a dyn Fn(Progress),
-}
-
-/// How far a mission is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
-    /// What is going on.
-    pub phase: &'static str,
-    /// Simulated time, seconds.
-    pub simulated_s: f64,
-    /// Fraction of the whole mission, 0 to 1.
-    pub fraction: f64,
-}
-
-/// A flown mission.
-#[derive(Clone, Debug)]
-pub struct Outcome {
-    /// Its figures, limits judged.
-    pub summary: Summary,
-    /// Its tracks, users and events.
-    pub recording: Recording,
-}
-
-/// Why a mission was not flown to its end.
-#[derive(Debug, Error)]
-pub enum RunError {
-    /// The input cannot be flown as it stands.
-    #[error(transparent)]
-    BadInput(#[from] InputError),
-    /// The input is valid and has no solution.
-    #[error("infeasible: {0}")]
-    Infeasible(String),
-    /// A board or the link to it failed.
-    #[error("link: {0}")]
-    Link(String),
-    /// The user interrupted the run.
-    #[error("interrupted")]
-    Interrupted,
-}
-
-/// What is wrong with the input of a mission.
-#[derive(Debug, Error)]
-pub enum InputError {
-    /// In the scenario.
-    #[error(transparent)]
-    Scenario(#[from] ScenarioError),
-    /// In a file that the scenario or the command line names.
-    #[error("{place}: found {found}, expected {expected}")]
-    File {
-        /// The file, with the line where one is known.
-        place: String,
-        /// What was found.
-        found: String,
-        /// What would be right.
-        expected: &'static str,
-    },
-}
-
-impl InputError {
-    /// A file that cannot be read.
-    #[must_use]
-    pub fn unreadable(file: &Path, error: &std::io::Error, expected: &'static str) -> Self {
-        Self::File { place: file.display().to_string(), found: error.to_string(), expected }
-    }
-}
+/// Steps between two words of the control center: 40 ms.
+const WINDOW_STEPS: u64 = 2;
+/// Fewer drones than this are not worth a second core: a window of one drone takes about a microsecond.
+const PARALLEL_FROM_DRONES: usize = 24;
+/// Time flown on after every drone serves, seconds.
+const SERVE_FOR_S: f64 = 2.0;
 
 /// Flies the mission.
 ///
 /// # Errors
 /// As [`RunError`] says; nothing is written in any case.
 pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, RunError> {
-    let scenario = &input.scenario;
-    (options.progress)(Progress { phase: "prepare", simulated_s: 0.0, fraction: 0.0 });
-    if options.cancel.load(Ordering::Relaxed) {
-        return Err(RunError::Interrupted);
+    let started = Instant::now();
+    (options.progress)(Progress { phase: "plan", simulated_s: 0.0, fraction: 0.0 });
+    let setup = Setup::new(input)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads)
+        .build()
+        .map_err(|error| RunError::Link(format!("no threads to run on: {error}")))?;
+    pool.install(|| {
+        let mut flight = Flight::new(input, &setup);
+        flight.run(input, options)?;
+        let simulated_s = flight.now_s();
+        let mut outcome = judge::outcome(input, &setup, flight)?;
+        outcome.finish(&input.scenario, simulated_s, started.elapsed());
+        Ok(outcome)
+    })
+}
+
+/// A flight in progress and what was seen of it.
+struct Flight {
+    step: u64,
+    control: ControlCenter,
+    islands: Vec<Island<FlightAgent>>,
+    around: Surroundings,
+    separation: Separation,
+    fleets: Vec<FleetWatch>,
+    tracks: Vec<DroneRecord>,
+    phases: Vec<PhaseRecord>,
+    /// Positions of all drones by id, at the end of each step of the window.
+    window_m: Vec<Vec<V3>>,
+    shares: Shares,
+}
+
+/// Where the wall-clock time of a flight went.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shares {
+    control: Duration,
+    islands: Duration,
+    watch: Duration,
+}
+
+impl Flight {
+    fn new(input: &MissionInput, setup: &Setup) -> Self {
+        let scenario = &input.scenario;
+        let islands = setup::islands(scenario, &setup.plan);
+        let pads_m = setup::pads_m(&setup.plan);
+        let tracks = setup.plan.drones.iter().map(|d| DroneRecord {
+            id: d.id.0,
+            fleet: d.fleet.map(|(fleet, _)| fleet as u16),
+            track: Vec::new(),
+        });
+        Self {
+            step: 0,
+            control: ControlCenter::new(setup.plan.clone()),
+            islands,
+            around: setup::surroundings(scenario, &setup.users),
+            separation: Separation::new(&pads_m, scenario.fleet.d_safe_m, 1.2 * scenario.fleet.speed_mps),
+            fleets: setup::fleet_watches(&setup.plan),
+            tracks: tracks.collect(),
+            phases: Vec::new(),
+            window_m: vec![pads_m; WINDOW_STEPS as usize],
+            shares: Shares::default(),
+        }
     }
-    let mut summary = Summary {
-        scenario: scenario.name.clone(),
-        seed: scenario.seed,
-        backend: "inproc".to_owned(),
-        drones: scenario.fleet.drones,
-        fleets: scenario.fleets(),
-        ..Summary::default()
-    };
-    summary.limits = judge(&scenario.limits, &summary);
-    let recording = Recording {
-        scenario: scenario.name.clone(),
-        seed: scenario.seed,
-        radius_m: scenario.fleet.radius_m,
-        area_m: input.area.polygon_m.clone(),
-        origin_lon_lat_deg: input.area.origin_lon_lat_deg,
-        ..Recording::default()
-    };
-    Ok(Outcome { summary, recording })
+
+    fn now_s(&self) -> f64 {
+        (self.step as i64 * STEP_US) as f64 * 1e-6
+    }
+
+    /// Flies until every drone serves, or to the scenario's cut-off.
+    fn run(&mut self, input: &MissionInput, options: &RunOptions<'_>) -> Result<(), RunError> {
+        let cut_off_s = input.scenario.mission.duration_s.unwrap_or(f64::INFINITY);
+        let expected_s = self.expected_s();
+        let mut serving_since_s = None;
+        self.note_phase();
+        self.record_tracks();
+        while self.now_s() < cut_off_s {
+            let before = Instant::now();
+            let stage = self.control.stage();
+            self.run_control()?;
+            if self.control.stage() != stage {
+                self.note_phase();
+            }
+            let controlled = Instant::now();
+            self.run_islands()?;
+            let flown = Instant::now();
+            self.watch();
+            self.shares.control += controlled - before;
+            self.shares.islands += flown - controlled;
+            self.shares.watch += flown.elapsed();
+            if self.step.is_multiple_of(50) {
+                self.record_tracks();
+                let fraction = (self.now_s() / expected_s).min(0.99);
+                let phase = self.control.stage().name();
+                (options.progress)(Progress { phase, simulated_s: self.now_s(), fraction });
+                if options.cancel.load(Ordering::Relaxed) {
+                    return Err(RunError::Interrupted);
+                }
+            }
+            if self.control.stage() == Stage::Serve
+                && self.now_s() - *serving_since_s.get_or_insert(self.now_s()) >= SERVE_FOR_S
+            {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// How long the mission will take, roughly: for the progress display only.
+    fn expected_s(&self) -> f64 {
+        let plan = self.control.plan();
+        let length_m =
+            |points: &[crate::geometry::V2]| -> f64 { points.windows(2).map(|w| (w[1] - w[0]).norm()).sum() };
+        let longest_m = plan.fleets.iter().map(|f| length_m(&f.waypoints_m)).fold(0.0, f64::max);
+        plan.altitude_m / 2.5 + 1.02 * longest_m / plan.speed_mps + 0.05 * longest_m / plan.speed_mps + 60.0
+    }
+
+    fn run_control(&mut self) -> Result<(), MissionError> {
+        let now_us = self.step * STEP_US as u64;
+        let Self { control, islands, .. } = self;
+        // Frames for a drone go to its downlink; ids are dense, but islands hold them in any order.
+        let mut outbox: Vec<(u16, Vec<u8>)> = Vec::new();
+        let mut send =
+            |to: skyroost_protocol::units::DroneId, frame: &[u8]| outbox.push((to.0, frame.to_vec()));
+        for drone in islands.iter_mut().flat_map(|island| &mut island.drones) {
+            while let Some(bytes) = drone.uplink.poll(now_us) {
+                control.receive(drone.id, bytes, &mut send)?;
+            }
+        }
+        control.step(TimePs::from_us(now_us as i64), &mut send)?;
+        for drone in islands.iter_mut().flat_map(|island| &mut island.drones) {
+            for (_, frame) in outbox.iter().filter(|(to, _)| *to == drone.id.0) {
+                drone.downlink.send(now_us, frame);
+            }
+        }
+        Ok(())
+    }
+
+    fn run_islands(&mut self) -> Result<(), RunError> {
+        let (first, around) = (self.step, &self.around);
+        let run = |island: &mut Island<FlightAgent>| island.run(first, WINDOW_STEPS, around);
+        if self.tracks.len() >= PARALLEL_FROM_DRONES {
+            self.islands.par_iter_mut().try_for_each(run)?;
+        } else {
+            self.islands.iter_mut().try_for_each(run)?;
+        }
+        self.step += WINDOW_STEPS;
+        Ok(())
+    }
+
+    /// Measures the window just flown.
+    fn watch(&mut self) {
+        for island in &self.islands {
+            let members = island.drones.len();
+            for (row, position_m) in island.positions_m.iter().enumerate() {
+                let drone = usize::from(island.drones[row % members].id.0) - 1;
+                self.window_m[row / members][drone] = *position_m;
+            }
+        }
+        let end_s = self.now_s();
+        let dt_s = STEP_US as f64 * 1e-6;
+        let window_s = WINDOW_STEPS as f64 * dt_s;
+        for (row, positions_m) in self.window_m.iter().enumerate() {
+            let t_s = end_s - window_s + (row + 1) as f64 * dt_s;
+            self.separation.moved(t_s, positions_m);
+        }
+        let started = self.control.sweep_started().map_or(f64::INFINITY, |at| at.0 as f64 * 1e-12);
+        if self.control.stage() == Stage::Sweep && end_s > started {
+            let positions_m = self.window_m.last().expect("a window has steps");
+            for (watch, fleet) in self.fleets.iter_mut().zip(&self.control.plan().fleets) {
+                watch.sweeping(end_s, fleet.mates.map(|id| positions_m[usize::from(id.0) - 1]));
+            }
+        }
+    }
+
+    fn note_phase(&mut self) {
+        let name = self.control.stage().name().to_owned();
+        self.phases.push(PhaseRecord { t_s: self.now_s(), name });
+    }
+
+    fn record_tracks(&mut self) {
+        let t_s = self.now_s();
+        let positions_m = self.window_m.last().expect("a window has steps");
+        for (record, position_m) in self.tracks.iter_mut().zip(positions_m) {
+            record.track.push(TrackSample { t_s, pos_enu_m: (*position_m).into() });
+        }
+    }
+
+    /// What drones reported, for the recording.
+    fn events(&self) -> Vec<EventRecord> {
+        let text = |event: &crate::control::mission::OperatorEvent| EventRecord {
+            t_s: event.time.0 as f64 * 1e-12,
+            drone: Some(event.drone.0),
+            text: judge::event_text(event.code, event.value),
+        };
+        let mut events: Vec<EventRecord> = self.control.events().iter().map(text).collect();
+        events.sort_by(|a, b| a.t_s.total_cmp(&b.t_s).then(a.drone.cmp(&b.drone)));
+        events
+    }
+
+    /// Counters of all links between control center and drones, both ways.
+    fn link_counters(&self) -> LinkCounters {
+        let mut sum = LinkCounters::default();
+        for drone in self.islands.iter().flat_map(|island| &island.drones) {
+            sum.add(drone.uplink.counters());
+            sum.add(drone.downlink.counters());
+        }
+        sum
+    }
+
+    /// Frames that the flight code refused.
+    fn rejected_on_board(&self) -> u64 {
+        let drones = self.islands.iter().flat_map(|island| &island.drones);
+        drones.map(|drone| u64::from(drone.board.counters().frames_rejected)).sum()
+    }
+
+    /// Captures that came late, by occasion and drone.
+    fn late(&self) -> BTreeSet<(u32, u16)> {
+        self.islands.iter().flat_map(|island| &island.late).map(|(o, d)| (o.0, d.0)).collect()
+    }
+
+    /// Digest over all drones in order of id.
+    fn digest(&self) -> String {
+        let mut drones: Vec<_> = self.islands.iter().flat_map(|island| &island.drones).collect();
+        drones.sort_by_key(|drone| drone.id);
+        Digest::combined(drones.iter().map(|drone| &drone.digest))
+    }
 }

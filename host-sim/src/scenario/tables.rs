@@ -111,7 +111,8 @@ pub struct FleetTable {
     /// East and north of the first take-off pad; without it the area's corner furthest to the
     /// south-west (least east + north).
     pub base_m: Option<[f64; 2]>,
-    /// Distance between neighbouring pads.
+    /// Distance between the places where neighbouring fleets, or reserves, take off; a fleet stands in its
+    /// triangle.
     pub pad_spacing_m: f64,
     /// Separation that is never to be broken (the paper's `d_safe`).
     pub d_safe_m: f64,
@@ -135,7 +136,7 @@ impl Default for FleetTable {
             proportions: None,
             split: SplitMode::Auto,
             base_m: None,
-            pad_spacing_m: 20.0,
+            pad_spacing_m: 150.0,
             d_safe_m: 10.0,
             r_s_m: 2.0,
             max_accel_mps2: 3.0,

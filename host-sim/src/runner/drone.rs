@@ -1,0 +1,191 @@
+//! One simulated drone: its board with the flight code, its body in the air, and its links.
+
+use super::digest::Digest;
+use crate::{
+    fleet::{Board, BoardError},
+    geometry::V3,
+    world::{
+        battery::{Battery, Load},
+        clock::Clock,
+        gnss::Gnss,
+        grid::PointGrid,
+        link::Link,
+        vehicle::{Command, Motion, Vehicle},
+        wind::Wind,
+    },
+};
+use skyroost_firmware::{
+    STEP_S, STEP_US, Vec3,
+    io::{Capture, Inputs, NavFix, Outputs, SrsGate},
+};
+use skyroost_protocol::{
+    codec::{Frame, MAX_FRAME},
+    message::{AttachedUser, MAX_ATTACHED_PER_FRAME},
+    units::{DroneId, TimePs, UserId},
+};
+
+/// Steps from one report of the users heard to the next: a second.
+const ATTACH_STEPS: u64 = 50;
+/// One-way distance of one step of the timing advance at 30 kHz subcarriers, 16 x 64 T_c / 2 (TS 38.213
+/// 4.2), metres.
+const TIMING_ADVANCE_M: f64 = 39.036;
+/// A gate stays open this long after its transmission.
+const GATE_OPEN: TimePs = TimePs::from_ms(20);
+
+/// One drone.
+pub(super) struct Drone<B> {
+    pub(super) id: DroneId,
+    pub(super) board: B,
+    pub(super) vehicle: Vehicle,
+    pub(super) uplink: Link<MAX_FRAME>,
+    pub(super) downlink: Link<MAX_FRAME>,
+    pub(super) clock: Clock,
+    pub(super) digest: Digest,
+    pub(super) outputs: Outputs,
+    pub(super) inputs: Inputs,
+    pub(super) wind: Wind,
+    pub(super) gnss: Gnss,
+    pub(super) battery: Battery,
+    pub(super) tick_hz: u32,
+    pub(super) error_radius_m: f32,
+    pub(super) radius_m: f64,
+    /// Gates open or about to be.
+    gates: Vec<SrsGate>,
+    /// Captures for the next step.
+    captured: Vec<Capture>,
+    /// Users heard and not yet reported.
+    attached: Vec<AttachedUser>,
+    /// Captures that no step had room for.
+    pub(super) captures_dropped: u64,
+}
+
+/// Parts of a drone.
+pub(super) struct Parts<B> {
+    pub(super) board: B,
+    pub(super) vehicle: Vehicle,
+    pub(super) uplink: Link<MAX_FRAME>,
+    pub(super) downlink: Link<MAX_FRAME>,
+    pub(super) clock: Clock,
+    pub(super) wind: Wind,
+    pub(super) gnss: Gnss,
+    pub(super) battery: Battery,
+    pub(super) tick_hz: u32,
+    pub(super) error_radius_m: f64,
+    pub(super) radius_m: f64,
+}
+
+impl<B: Board> Drone<B> {
+    pub(super) fn new(id: DroneId, parts: Parts<B>) -> Self {
+        Self {
+            id,
+            board: parts.board,
+            vehicle: parts.vehicle,
+            uplink: parts.uplink,
+            downlink: parts.downlink,
+            clock: parts.clock,
+            digest: Digest::new(id),
+            outputs: Outputs::default(),
+            inputs: Inputs::default(),
+            wind: parts.wind,
+            gnss: parts.gnss,
+            battery: parts.battery,
+            tick_hz: parts.tick_hz,
+            error_radius_m: parts.error_radius_m as f32,
+            radius_m: parts.radius_m,
+            gates: Vec::new(),
+            captured: Vec::new(),
+            attached: Vec::new(),
+            captures_dropped: 0,
+        }
+    }
+
+    /// Everything the board learns at `step`, but for the frames of fleet mates.
+    pub(super) fn sense(&mut self, step: u64, users: &PointGrid, user_pos_m: &[V3]) {
+        let now_us = step * STEP_US as u64;
+        let now_ps = TimePs::from_us(now_us as i64).0;
+        let inputs = &mut self.inputs;
+        inputs.clear();
+        let fix = self.gnss.step(self.vehicle.pos_enu_m(), self.vehicle.vel_enu_mps());
+        inputs.nav = Some(NavFix {
+            pos_enu_m: Vec3::from(fix.pos_enu_m.map(|m| m as f32)),
+            vel_enu_mps: Vec3::from(fix.vel_enu_mps.map(|v| v as f32)),
+            error_radius_m: self.error_radius_m,
+        });
+        inputs.timer_ticks = self.clock.ticks(now_ps, self.tick_hz) as u32;
+        inputs.battery_permille = self.battery.charge_permille();
+        for capture in self.captured.drain(..) {
+            if inputs.captures.push(capture).is_err() {
+                self.captures_dropped += 1;
+            }
+        }
+        while !inputs.frames.is_full()
+            && let Some(bytes) = self.downlink.poll(now_us)
+        {
+            let frame = Frame::from_slice(bytes).expect("a link carries frames");
+            inputs.frames.push(frame).expect("there was room");
+        }
+        // Drones report at different moments of the second.
+        if (step + 7 * u64::from(self.id.0)).is_multiple_of(ATTACH_STEPS)
+            && self.vehicle.motion() == Motion::Flying
+        {
+            self.hear_users(users, user_pos_m);
+        }
+        let inputs = &mut self.inputs;
+        let page = self.attached.len().min(MAX_ATTACHED_PER_FRAME);
+        inputs.attached.extend(self.attached.drain(..page));
+    }
+
+    fn hear_users(&mut self, users: &PointGrid, user_pos_m: &[V3]) {
+        let pos_m = self.vehicle.pos_enu_m();
+        self.attached.clear();
+        self.attached.extend(users.within(pos_m.xy(), self.radius_m).map(|index| AttachedUser {
+            user: UserId(index as u32),
+            timing_advance: ((pos_m - user_pos_m[index]).norm() / TIMING_ADVANCE_M) as u16,
+        }));
+    }
+
+    /// One step of the board, and its frames for the control center on their way.
+    pub(super) fn think(&mut self, step: u64) -> Result<(), BoardError> {
+        let now_us = step * STEP_US as u64;
+        let now = TimePs::from_us(now_us as i64);
+        self.outputs.clear();
+        self.board.step(now, &self.inputs, &mut self.outputs)?;
+        self.digest.add(&self.outputs);
+        for frame in &self.outputs.uplink {
+            self.uplink.send(now_us, frame);
+        }
+        if !self.gates.is_empty() || !self.outputs.srs_gates.is_empty() {
+            self.gates.retain(|gate| now.since(gate.at) <= GATE_OPEN);
+            self.gates.extend(self.outputs.srs_gates.iter().copied());
+        }
+        Ok(())
+    }
+
+    /// One step of the body.
+    pub(super) fn fly(&mut self) {
+        let setpoint = &self.outputs.setpoint;
+        let (command, load) = if setpoint.motors && !self.battery.is_empty() {
+            let command = Command::Velocity {
+                vel_enu_mps: V3::from(setpoint.vel_enu_mps.map(f64::from)),
+                accel_ff_enu_mps2: V3::from(setpoint.accel_enu_mps2.map(f64::from)),
+            };
+            (command, Load::Flying { air_speed_mps: self.vehicle.vel_enu_mps().norm() })
+        } else {
+            (Command::MotorsOff, Load::Idle)
+        };
+        let wind_enu_mps = self.wind.step();
+        self.vehicle.step(command, wind_enu_mps);
+        self.battery.step(load, f64::from(STEP_S));
+    }
+
+    /// The gate that is open for this occasion, if any.
+    pub(super) fn gate(&self, gate: &SrsGate) -> Option<&SrsGate> {
+        self.gates.iter().find(|g| g.occasion == gate.occasion)
+    }
+
+    /// The timer captured an arrival; the board learns of it at its next step.
+    pub(super) fn capture(&mut self, gate: &SrsGate, arrival_ps: i64) {
+        let ticks = self.clock.ticks(arrival_ps, self.tick_hz) as u32;
+        self.captured.push(Capture { occasion: gate.occasion, ticks });
+    }
+}

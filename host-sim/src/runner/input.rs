@@ -1,0 +1,124 @@
+//! What a run takes and what it gives.
+
+use crate::{
+    control::{area::AreaError, mission::MissionError, sweep::SweepError},
+    fleet::BoardError,
+    geometry::polygon::{Polygon, PolygonError},
+    recording::Recording,
+    report::{
+        limits::judge,
+        summary::{Summary, Timing},
+    },
+    scenario::{Scenario, ScenarioError},
+    world::users::{User, UsersError},
+};
+use std::{sync::atomic::AtomicBool, time::Duration};
+use thiserror::Error;
+
+/// Everything a mission needs, read and checked before anything flies.
+#[derive(Clone, Debug)]
+pub struct MissionInput {
+    /// The scenario, checked.
+    pub scenario: Scenario,
+    /// The area to sweep.
+    pub area: MissionArea,
+    /// The users' true positions; none where they are to be strewn at the scenario's density.
+    pub users: Option<Vec<User>>,
+}
+
+/// The area to sweep.
+#[derive(Clone, Debug)]
+pub struct MissionArea {
+    /// In metres from the local origin.
+    pub polygon: Polygon,
+    /// Longitude and latitude of the local origin, when the area came in WGS84.
+    pub origin_lon_lat_deg: Option<[f64; 2]>,
+}
+
+/// How to fly, apart from what.
+pub struct RunOptions<'a> {
+    /// Threads to use; the results do not depend on them.
+    pub threads: usize,
+    /// Polled at least once a simulated second: when set, the run ends with
+    /// [`RunError::Interrupted`].
+    pub cancel: &'a AtomicBool,
+    /// Told how far the mission is, about once a simulated second.
+    pub progress: &'a (dyn Fn(Progress) + Sync),
+}
+
+/// How far a mission is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// What is going on.
+    pub phase: &'static str,
+    /// Simulated time, seconds.
+    pub simulated_s: f64,
+    /// Fraction of the whole mission, 0 to 1.
+    pub fraction: f64,
+}
+
+/// A flown mission.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Its figures, limits judged.
+    pub summary: Summary,
+    /// Its tracks, users and events.
+    pub recording: Recording,
+}
+
+impl Outcome {
+    /// Sets the clock times and judges the limits, last of all.
+    pub(super) fn finish(&mut self, scenario: &Scenario, simulated_s: f64, wall: Duration) {
+        self.summary.timing = Timing::new(simulated_s, wall.as_secs_f64());
+        self.summary.limits = judge(&scenario.limits, &self.summary);
+    }
+}
+
+/// Why a mission was not flown to its end.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The input cannot be flown as it stands.
+    #[error(transparent)]
+    BadInput(#[from] InputError),
+    /// The input is valid and has no solution.
+    #[error("infeasible: {0}")]
+    Infeasible(String),
+    /// A board or the link to it failed.
+    #[error("link: {0}")]
+    Link(String),
+    /// The user interrupted the run.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl From<BoardError> for RunError {
+    fn from(error: BoardError) -> Self {
+        Self::Link(error.to_string())
+    }
+}
+
+impl From<MissionError> for RunError {
+    fn from(error: MissionError) -> Self {
+        Self::Link(error.to_string())
+    }
+}
+
+/// What is wrong with the input of a mission.
+#[derive(Debug, Error)]
+pub enum InputError {
+    /// In the scenario.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// In the file with the area.
+    #[error(transparent)]
+    Area(#[from] AreaError),
+    /// In the corners of the area.
+    #[error("area: {0}")]
+    Polygon(#[from] PolygonError),
+    /// In the file with the users, or in their density.
+    #[error(transparent)]
+    Users(#[from] UsersError),
+    /// The area cannot be swept as asked.
+    #[error("area: {0}")]
+    Sweep(#[from] SweepError),
+}

@@ -1,0 +1,343 @@
+//! Holds the flight against the truth: figures for the summary, records for the report.
+
+use super::{Flight, MissionInput, Outcome, RunError, setup::Setup};
+use crate::{
+    control::{
+        localize::{FixStatus, LocalizeConfig, Occasion, UserFix, crlb, crlb_ratio},
+        place::{Fleet, Objective, PlaceUser, Placement, place},
+        sweep::SplitMode,
+    },
+    geometry::{V2, coverage::covered},
+    recording::{PlacementRecord, Recording, SubAreaRecord, UserRecord},
+    report::summary::{
+        LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary, SafetySummary, Summary, SweepSummary,
+    },
+};
+use skyroost_protocol::{
+    message::EventCode,
+    units::{OccasionId, UserId},
+};
+use std::collections::BTreeMap;
+
+/// A capture that was flagged late in truth is left out of the bound.
+type Late = Vec<[bool; 3]>;
+
+/// Everything that the flight amounts to.
+pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Result<Outcome, RunError> {
+    let scenario = &input.scenario;
+    let (sweep, uncovered_m) = sweep(scenario, setup, &flight);
+    let users = Users::new(setup, &flight);
+    let localization = users.summary(setup, &flight)?;
+    let sites = sites(setup, &flight);
+    let placement = users.placement(setup, &flight, &sites)?;
+    let counters = flight.link_counters();
+    let (squares_m2, samples) =
+        flight.fleets.iter().map(|f| f.errors()).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    let summary = Summary {
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        backend: "inproc".to_owned(),
+        drones: scenario.fleet.drones,
+        fleets: scenario.fleets(),
+        sweep,
+        localization,
+        placement,
+        safety: SafetySummary {
+            min_separation_m: flight.separation.least_m(),
+            violations: flight.separation.violations(),
+            formation_error_rms_m: if samples == 0 { 0.0 } else { (squares_m2 / samples as f64).sqrt() },
+            formation_error_max_m: flight.fleets.iter().map(|f| f.max_error_m()).fold(0.0, f64::max),
+        },
+        link: LinkSummary {
+            frames: counters.sent,
+            bytes: counters.bytes,
+            lost: counters.lost + counters.dropped_overflow,
+            rejected: flight.control.counters().frames_rejected + flight.rejected_on_board(),
+        },
+        digest: flight.digest(),
+        warnings: warnings(&flight),
+        ..Summary::default()
+    };
+    let recording = Recording {
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        radius_m: scenario.fleet.radius_m,
+        swath_m: setup.sweep.swath_m,
+        area_m: setup.polygon.vertices_m().iter().map(|p| [p.x, p.y]).collect(),
+        origin_lon_lat_deg: input.area.origin_lon_lat_deg,
+        sub_areas: sub_areas(setup),
+        uncovered_m,
+        placements: sites.iter().map(|s| s.record).collect(),
+        users: users.records(setup, &flight, &sites),
+        events: flight.events(),
+        phases: flight.phases,
+        drones: flight.tracks,
+    };
+    Ok(Outcome { summary, recording })
+}
+
+/// An event for people.
+pub(super) fn event_text(code: EventCode, value: u32) -> String {
+    const PHASES: [&str; 8] = [
+        "on the ground",
+        "taking off",
+        "holding",
+        "sweeping",
+        "flying to its placement",
+        "serving",
+        "returning home",
+        "landing",
+    ];
+    const CONDITIONS: [&str; 6] = [
+        "control link quiet",
+        "control link lost",
+        "control link gone",
+        "navigation lost",
+        "battery low",
+        "battery critical",
+    ];
+    let named =
+        |names: &[&str]| names.get(value as usize).map_or_else(|| value.to_string(), |n| (*n).to_owned());
+    match code {
+        EventCode::PhaseEntered => named(&PHASES),
+        EventCode::ConditionRaised => format!("{}: raised", named(&CONDITIONS)),
+        EventCode::ConditionCleared => format!("{}: cleared", named(&CONDITIONS)),
+        EventCode::SweepDone => format!("lanes flown after {value} s"),
+        EventCode::GoalReached => format!("at its placement, {:.1} m off", f64::from(value) * 1e-3),
+    }
+}
+
+fn sweep(
+    scenario: &crate::scenario::Scenario,
+    setup: &Setup,
+    flight: &Flight,
+) -> (SweepSummary, Vec<Vec<[f64; 2]>>) {
+    let stadiums: Vec<_> = flight.fleets.iter().flat_map(|fleet| fleet.stadiums()).collect();
+    let coverage = covered(&setup.polygon, &stadiums);
+    let durations = flight.fleets.iter().map(|fleet| fleet.duration_s());
+    // A fleet that did not come to the end of its lanes has swept until now.
+    let duration_s = durations.map(|d| d.unwrap_or(flight.now_s())).fold(0.0, f64::max);
+    let summary = SweepSummary {
+        split: if setup.sweep.split == SplitMode::Length { "length" } else { "area" }.to_owned(),
+        coverage_fraction: coverage.covered_fraction,
+        duration_s,
+        length_m: setup.sweep.sub_areas.iter().map(|s| s.length_m).collect(),
+        mission_time_s: scenario.mission.time_s,
+    };
+    let ring = |points: &Vec<V2>| points.iter().map(|p| [p.x, p.y]).collect();
+    (summary, coverage.residue.iter().map(ring).collect())
+}
+
+fn sub_areas(setup: &Setup) -> Vec<SubAreaRecord> {
+    let points = |points: &[V2]| points.iter().map(|p| [p.x, p.y]).collect::<Vec<_>>();
+    let record = |sub: &crate::control::sweep::SubArea| SubAreaRecord {
+        fleet: sub.fleet as u16,
+        polygon_m: sub.polygon.as_ref().map(|p| points(p.vertices_m())),
+        path_m: points(&sub.path_m),
+    };
+    setup.sweep.sub_areas.iter().map(record).collect()
+}
+
+fn warnings(flight: &Flight) -> Vec<String> {
+    let mut warnings = flight.control.localization().warnings.clone();
+    let saturated = flight.control.counters().tdoa_saturated;
+    if saturated > 0 {
+        warnings.push(format!("{saturated} time differences did not fit their 32 bits and were left out"));
+    }
+    let dropped: u64 = flight.islands.iter().flat_map(|i| &i.drones).map(|d| d.captures_dropped).sum();
+    if dropped > 0 {
+        warnings.push(format!("{dropped} captures found no room in a step of the flight code"));
+    }
+    warnings
+}
+
+/// A drone's final place.
+struct DroneSite {
+    record: PlacementRecord,
+    pos_m: V2,
+}
+
+/// Where every drone was sent; one that nobody needed is at home and serves nobody.
+fn sites(setup: &Setup, flight: &Flight) -> Vec<DroneSite> {
+    let Some(placement) = flight.control.placement() else { return Vec::new() };
+    let site_of = |target: &crate::control::mission::Target| {
+        let site = placement.sites[target.site?].as_ref()?;
+        let drone = setup.plan.drones[target.drone].id.0;
+        let record = PlacementRecord {
+            drone,
+            pos_m: [site.pos_m.x, site.pos_m.y],
+            covered: site.covered.len() as u32,
+        };
+        Some(DroneSite { record, pos_m: site.pos_m })
+    };
+    flight.control.targets().iter().filter_map(site_of).collect()
+}
+
+/// The users and what is claimed of them.
+struct Users<'a> {
+    fixes: BTreeMap<UserId, &'a UserFix>,
+    truth: BTreeMap<UserId, [f64; 2]>,
+}
+
+impl<'a> Users<'a> {
+    fn new(setup: &Setup, flight: &'a Flight) -> Self {
+        let fixes = flight.control.localization().users.iter().map(|fix| (fix.user, fix)).collect();
+        let ids = (0u32..).map(UserId);
+        let truth = ids.zip(setup.users.iter().map(|u| [u.pos_m.x, u.pos_m.y])).collect();
+        Self { fixes, truth }
+    }
+
+    /// Fixes that claim a position.
+    fn located(&self) -> impl Iterator<Item = (&'a UserFix, [f64; 2])> {
+        let claimed = self.fixes.values().filter(|fix| fix.status == FixStatus::Ok);
+        claimed.map(|fix| (*fix, self.truth[&fix.user]))
+    }
+
+    fn summary(&self, setup: &Setup, flight: &Flight) -> Result<LocalizationSummary, RunError> {
+        let errors_m: Vec<f64> = self.located().map(|(fix, truth)| distance_m(fix.pos_m, truth)).collect();
+        let mut r95_m: Vec<f64> = self.located().map(|(fix, _)| fix.r95_m).collect();
+        r95_m.sort_by(f64::total_cmp);
+        let count = errors_m.len();
+        let within = self.located().filter(|(fix, truth)| distance_m(fix.pos_m, *truth) <= fix.r95_m).count();
+        let mean = |sum: f64| (count > 0).then(|| sum / count as f64);
+        let mut status_counts: BTreeMap<String, u32> = BTreeMap::new();
+        for user in self.truth.keys() {
+            *status_counts.entry(self.status(*user).to_owned()).or_default() += 1;
+        }
+        Ok(LocalizationSummary {
+            users: setup.users.len() as u32,
+            located: count as u32,
+            rmse_m: mean(errors_m.iter().map(|e| e * e).sum()).map(f64::sqrt),
+            r95_median_m: quantile(&r95_m, 0.5),
+            r95_p95_m: quantile(&r95_m, 0.95),
+            crlb_ratio: self.crlb_ratio(setup, flight)?,
+            in_r95_fraction: mean(within as f64),
+            status_counts,
+        })
+    }
+
+    fn status(&self, user: UserId) -> &'static str {
+        status_name(self.fixes.get(&user).map_or(FixStatus::NotLocated, |fix| fix.status))
+    }
+
+    /// The errors against the bound of the very measurements used.
+    fn crlb_ratio(&self, setup: &Setup, flight: &Flight) -> Result<Option<f64>, RunError> {
+        let config: &LocalizeConfig = &setup.plan.localize;
+        let occasions = flight.control.occasions();
+        let late = self.late(flight, occasions);
+        let bounds = crlb(occasions, &late, &self.truth, config)
+            .map_err(|error| RunError::Link(format!("the bound cannot be computed: {error}")))?;
+        Ok(crlb_ratio(&flight.control.localization().users, &self.truth, &bounds))
+    }
+
+    /// Which captures of which occasion came late in truth.
+    fn late(&self, flight: &Flight, occasions: &[Occasion]) -> Late {
+        let late = flight.late();
+        let marks = |(occasion, id): (&Occasion, &OccasionId)| {
+            let mut row = [false; 3];
+            for (mark, capture) in row.iter_mut().zip(&occasion.captures) {
+                *mark = late.contains(&(id.0, capture.drone.0));
+            }
+            row
+        };
+        occasions.iter().zip(flight.control.occasion_ids()).map(marks).collect()
+    }
+
+    fn placement(
+        &self,
+        setup: &Setup,
+        flight: &Flight,
+        sites: &[DroneSite],
+    ) -> Result<PlacementSummary, RunError> {
+        let radius_m = setup.plan.radius_m;
+        let fleet =
+            Fleet { drones: setup.plan.drones.len(), min_separation_m: setup.plan.min_goal_distance_m };
+        let solved = |users: Vec<PlaceUser>| -> Result<Placement, RunError> {
+            place(Objective::Guaranteed(&users), fleet)
+                .map_err(|error| RunError::Link(format!("the placement cannot be judged: {error}")))
+        };
+        let user = |pos: [f64; 2], radius_m: f64| PlaceUser { pos_m: V2::from(pos), radius_m, weight: 1.0 };
+        let guaranteed =
+            solved(self.located().map(|(fix, _)| user(fix.pos_m, radius_m - fix.r95_m)).collect())?;
+        let on_truth = solved(self.truth.values().map(|pos| user(*pos, radius_m)).collect())?.covered as u32;
+        let served = |by: &dyn Fn(UserId) -> Option<u16>| {
+            self.truth.keys().filter(|u| by(**u).is_some()).count() as u32
+        };
+        let served_guaranteed = served(&|u| self.guaranteed_by(u, radius_m, sites));
+        let served_actual = served(&|u| self.actually_by(u, radius_m, sites));
+        let upper_bound = guaranteed.upper_bound.floor() as u32;
+        let planned = flight.control.placement().is_some();
+        Ok(PlacementSummary {
+            method: "greedy".to_owned(),
+            drones: sites
+                .iter()
+                .map(|s| PlacedDrone { id: s.record.drone, x_m: s.pos_m.x, y_m: s.pos_m.y })
+                .collect(),
+            served_guaranteed,
+            served_actual,
+            upper_bound,
+            proved_optimal: planned && served_guaranteed == upper_bound,
+            greedy_on_truth: planned.then_some(on_truth),
+            served_ratio: (planned && on_truth > 0).then(|| f64::from(served_actual) / f64::from(on_truth)),
+        })
+    }
+
+    /// The drone whose coverage disk holds the user's whole error disk.
+    fn guaranteed_by(&self, user: UserId, radius_m: f64, sites: &[DroneSite]) -> Option<u16> {
+        let fix = self.fixes.get(&user).filter(|fix| fix.status == FixStatus::Ok)?;
+        nearest_within(V2::from(fix.pos_m), radius_m - fix.r95_m, sites)
+    }
+
+    /// The drone that covers the user's true position.
+    fn actually_by(&self, user: UserId, radius_m: f64, sites: &[DroneSite]) -> Option<u16> {
+        nearest_within(V2::from(self.truth[&user]), radius_m, sites)
+    }
+
+    fn records(&self, setup: &Setup, _flight: &Flight, sites: &[DroneSite]) -> Vec<UserRecord> {
+        let radius_m = setup.plan.radius_m;
+        let record = |(user, truth): (&UserId, &[f64; 2])| {
+            let fix = self.fixes.get(user);
+            let claimed = fix.filter(|fix| fix.status == FixStatus::Ok);
+            UserRecord {
+                id: setup.users[user.0 as usize].id.clone(),
+                truth_m: *truth,
+                estimate_m: claimed.map(|fix| fix.pos_m),
+                cov_m2: claimed.map(|fix| fix.cov_m2),
+                r95_m: claimed.map(|fix| fix.r95_m),
+                status: self.status(*user),
+                occasions: fix.map_or(0, |fix| fix.occasions),
+                heard_s: fix.map(|fix| fix.last_heard_s),
+                served_guaranteed_by: self.guaranteed_by(*user, radius_m, sites),
+                served_actual_by: self.actually_by(*user, radius_m, sites),
+            }
+        };
+        self.truth.iter().map(record).collect()
+    }
+}
+
+/// A status as results spell it.
+fn status_name(status: FixStatus) -> &'static str {
+    match status {
+        FixStatus::Ok => "ok",
+        FixStatus::Ambiguous => "ambiguous",
+        FixStatus::PoorGeometry => "poor_geometry",
+        FixStatus::Inconsistent => "inconsistent",
+        FixStatus::NotLocated => "not_located",
+    }
+}
+
+fn nearest_within(pos_m: V2, radius_m: f64, sites: &[DroneSite]) -> Option<u16> {
+    let distance = |site: &DroneSite| (site.pos_m - pos_m).norm();
+    let nearest = sites.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    (distance(nearest) <= radius_m + crate::control::place::TOLERANCE_M).then_some(nearest.record.drone)
+}
+
+fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// Quantile of sorted values, the lower of two neighbours.
+fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    let last = sorted.len().checked_sub(1)?;
+    sorted.get((last as f64 * share) as usize).copied()
+}

@@ -1,0 +1,343 @@
+//! From a scenario to a mission plan and a world to fly it in.
+
+use super::{
+    InputError, MissionInput, RunError,
+    drone::{Drone, Parts},
+    island::{Island, Surroundings},
+    watch::FleetWatch,
+};
+use crate::{
+    control::{
+        localize::{ClockModel, LocalizeConfig},
+        mission::plan::{MissionPlan, PlannedDrone, PlannedFleet},
+        srs_schedule::SrsConfig,
+        sweep::{self, CornerModel, SweepPlan, SweepRequest},
+    },
+    geometry::{V2, V3, polygon::Polygon},
+    rng::Stream,
+    scenario::{GnssMode, Orientation, Scenario, SplitMode},
+    world::{
+        battery::{Battery, BatteryConfig},
+        channel::{Channel, ChannelConfig},
+        clock::{Clock, ClockConfig},
+        gnss::{Gnss, GnssConfig},
+        grid::PointGrid,
+        link::{Link, LinkConfig},
+        users::{User, poisson_users},
+        vehicle::{Vehicle, VehicleConfig},
+        wind::{Wind, WindConfig},
+    },
+};
+use skyroost_firmware::{
+    STEP_S,
+    agent::FlightAgent,
+    config::AgentConfig,
+    guidance::{
+        formation::Slot,
+        lanes::{CORNER_DEVIATION_M, LATERAL_ACCEL_MPS2, Lanes},
+    },
+    srs::clock::TickRate,
+};
+use skyroost_protocol::{
+    message::Heading,
+    units::{DroneId, TimePs},
+};
+
+/// Avoidance plans with this much beyond `d_safe` and both error radii, metres.
+const GOAL_SLACK_M: f64 = 1.0;
+
+/// Everything ready to fly.
+pub(super) struct Setup {
+    pub(super) sweep: SweepPlan,
+    pub(super) plan: MissionPlan,
+    pub(super) users: Vec<User>,
+    pub(super) polygon: Polygon,
+}
+
+impl Setup {
+    /// Plans the mission.
+    pub(super) fn new(input: &MissionInput) -> Result<Self, RunError> {
+        let scenario = &input.scenario;
+        let polygon = input.area.polygon.clone();
+        let users = match &input.users {
+            Some(users) => users.clone(),
+            None => {
+                let [low, high] = polygon.bbox_m();
+                let density = scenario.users.density_per_km2;
+                poisson_users(density, (low, high), |p| polygon.contains(p), scenario.seed)
+                    .map_err(InputError::from)?
+            }
+        };
+        let pads = Pads::new(scenario, &polygon);
+        let sweep = sweep::plan(&polygon, &request(scenario, &pads)).map_err(InputError::from)?;
+        let plan = mission_plan(scenario, &sweep, &pads);
+        Ok(Self { sweep, plan, users, polygon })
+    }
+}
+
+/// Where the drones stand: each fleet in its triangle, so that it takes off as it will fly, the fleets
+/// side by side along the south-western border, the reserves beyond.
+struct Pads {
+    base_m: V2,
+    pitch_m: f64,
+}
+
+impl Pads {
+    fn new(scenario: &Scenario, polygon: &Polygon) -> Self {
+        let south_west = || {
+            let corners = polygon.vertices_m().iter().copied();
+            corners.min_by(|a, b| (a.x + a.y).total_cmp(&(b.x + b.y))).unwrap_or_default()
+        };
+        let base_m = scenario.fleet.base_m.map_or_else(south_west, |[x, y]| V2::new(x, y));
+        Self { base_m, pitch_m: scenario.fleet.pad_spacing_m }
+    }
+
+    /// Centre of the `index`-th place.
+    fn centre_m(&self, index: usize) -> V2 {
+        self.base_m + V2::new(self.pitch_m * index as f64, 0.0)
+    }
+}
+
+fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
+    let fleet = &scenario.fleet;
+    let fleets = scenario.fleets() as usize;
+    // What a right-angled corner is flown at (`guidance::lanes`).
+    let fillet_m = f64::from(CORNER_DEVIATION_M) / (std::f64::consts::SQRT_2 - 1.0);
+    SweepRequest {
+        fleets,
+        proportions: fleet.proportions.clone().unwrap_or_else(|| vec![1.0 / fleets as f64; fleets]),
+        split: match fleet.split {
+            SplitMode::Auto => sweep::SplitMode::Auto,
+            SplitMode::Area => sweep::SplitMode::Area,
+            SplitMode::Length => sweep::SplitMode::Length,
+        },
+        radius_m: fleet.radius_m,
+        spacing_m: fleet.spacing_m,
+        speed_mps: fleet.speed_mps,
+        corner: CornerModel {
+            max_accel_mps2: f64::from(skyroost_firmware::guidance::lanes::ALONG_ACCEL_MPS2),
+            corner_speed_mps: (f64::from(LATERAL_ACCEL_MPS2) * fillet_m).sqrt().min(fleet.speed_mps),
+        },
+        margin_m: fleet.margin_m,
+        entry_m: Some((0..fleets).map(|f| pads.centre_m(f)).collect()),
+    }
+}
+
+fn heading(scenario: &Scenario) -> Heading {
+    match scenario.fleet.orientation {
+        Orientation::Fixed => Heading::Fixed,
+        Orientation::AlongTrack => Heading::AlongTrack,
+    }
+}
+
+/// A side of the triangle parallel to the lanes: slot 0 points across them, left of the sweep direction;
+/// for a triangle that turns with the track that is left of the track.
+fn orientation_rad(scenario: &Scenario, sweep: &SweepPlan) -> f64 {
+    let across = std::f64::consts::FRAC_PI_2;
+    match scenario.fleet.orientation {
+        Orientation::Fixed => {
+            let angle = sweep.direction_rad + across;
+            if angle > std::f64::consts::PI { angle - std::f64::consts::TAU } else { angle }
+        }
+        Orientation::AlongTrack => across,
+    }
+}
+
+fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionPlan {
+    let table = &scenario.fleet;
+    let orientation_rad = orientation_rad(scenario, sweep);
+    let fleets: Vec<PlannedFleet> = (0..scenario.fleets() as usize)
+        .map(|f| {
+            let mut waypoints_m = vec![pads.centre_m(f)];
+            waypoints_m.extend(sweep.sub_areas.iter().filter(|s| s.fleet == f).flat_map(|s| &s.path_m));
+            PlannedFleet { mates: [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16)), waypoints_m }
+        })
+        .collect();
+    let drones = (0..table.drones as usize).map(|index| {
+        let fleet = (index / 3 < fleets.len()).then_some((index / 3, (index % 3) as u8));
+        let pad = match fleet {
+            Some((f, slot)) => {
+                let first_leg = fleets[f].waypoints_m.get(1).map_or(V2::x(), |next| next - pads.centre_m(f));
+                let turned = match scenario.fleet.orientation {
+                    Orientation::Fixed => orientation_rad,
+                    Orientation::AlongTrack => orientation_rad + first_leg.y.atan2(first_leg.x),
+                };
+                pads.centre_m(f) + slot_m(turned, slot, table.spacing_m)
+            }
+            // Every reserve has a place of its own after the fleets.
+            None => pads.centre_m(fleets.len() + index - 3 * fleets.len()),
+        };
+        PlannedDrone { id: DroneId(index as u16 + 1), pad_m: pad.push(0.0), fleet }
+    });
+    MissionPlan {
+        drones: drones.collect(),
+        fleets,
+        spacing_m: table.spacing_m,
+        heading: heading(scenario),
+        orientation_rad,
+        speed_mps: table.speed_mps,
+        altitude_m: table.altitude_m,
+        radius_m: table.radius_m,
+        d_safe_m: table.d_safe_m,
+        min_goal_distance_m: table.d_safe_m + 2.0 * table.r_s_m + GOAL_SLACK_M,
+        srs: SrsConfig {
+            period: TimePs((scenario.srs.period_s * 1e12) as i64),
+            max_per_period: (f64::from(scenario.srs.max_per_second) * scenario.srs.period_s) as usize,
+        },
+        localize: LocalizeConfig {
+            sigma_toa_ns: scenario.srs.sigma_toa_ns.max(0.3), // the tick's own noise remains
+            clock: ClockModel::SharedWander {
+                // Uniform on +-a has standard deviation a / sqrt(3).
+                offset_sigma_ns: scenario.clock.offset_ns.max(1.0),
+                drift_sigma_ns_per_s: scenario.clock.drift_ns_per_s.max(0.01),
+                walk_ns_per_sqrt_s: scenario.clock.walk_ns_per_sqrt_s.max(1e-3),
+            },
+            user_altitude_m: scenario.users.altitude_m,
+            drone_pos_sigma_m: scenario.gnss.sigma_m.max(0.001),
+            expected_radius_m: table.radius_m - table.spacing_m / 3f64.sqrt(),
+            ..LocalizeConfig::default()
+        },
+        relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
+    }
+}
+
+/// From the centre of a triangle of side `spacing_m` to its slot.
+fn slot_m(orientation_rad: f64, slot: u8, spacing_m: f64) -> V2 {
+    let angle = orientation_rad + f64::from(slot) * std::f64::consts::TAU / 3.0;
+    V2::new(angle.cos(), angle.sin()) * (spacing_m / 3f64.sqrt())
+}
+
+/// The watches over the fleets of a plan.
+pub(super) fn fleet_watches(plan: &MissionPlan) -> Vec<FleetWatch> {
+    let watch = |fleet: &PlannedFleet| {
+        let mm: Vec<[i32; 2]> = fleet
+            .waypoints_m
+            .iter()
+            .map(|p| [(p.x * 1e3).round() as i32, (p.y * 1e3).round() as i32])
+            .collect();
+        let lanes = Lanes::new(&mm, plan.speed_mps as f32, f32::INFINITY).expect("a plan has lanes");
+        let transit_m = fleet.waypoints_m.windows(2).next().map_or(0.0, |w| (w[1] - w[0]).norm());
+        let slots = [0, 1, 2]
+            .map(|slot| Slot::new(slot, plan.spacing_m as f32, plan.orientation_rad as f32, plan.heading));
+        FleetWatch::new(lanes, (transit_m * 1e6) as i64, slots, plan.altitude_m, plan.radius_m)
+    };
+    plan.fleets.iter().map(watch).collect()
+}
+
+/// What all drones fly in.
+pub(super) fn surroundings(scenario: &Scenario, users: &[User]) -> Surroundings {
+    let srs = &scenario.srs;
+    let channel = ChannelConfig {
+        radius_m: scenario.fleet.radius_m,
+        toa_sigma_ns: srs.sigma_toa_ns,
+        nlos_probability: srs.nlos_fraction,
+        nlos_min_ns: srs.nlos_min_ns,
+        nlos_max_ns: srs.nlos_max_ns,
+        ..ChannelConfig::default()
+    };
+    let plane_m: Vec<V2> = users.iter().map(|u| u.pos_m).collect();
+    Surroundings {
+        channel: Channel::new(channel, scenario.seed),
+        users: PointGrid::new(&plane_m, scenario.fleet.radius_m),
+        user_pos_m: plane_m.iter().map(|p| p.push(scenario.users.altitude_m)).collect(),
+    }
+}
+
+/// The drones on their pads: one island for each fleet and one for each reserve.
+pub(super) fn islands(scenario: &Scenario, plan: &MissionPlan) -> Vec<Island<FlightAgent>> {
+    let count = plan.drones.len();
+    let mut islands = Vec::new();
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); plan.fleets.len()];
+    for (index, planned) in plan.drones.iter().enumerate() {
+        match planned.fleet {
+            Some((fleet, _)) => members[fleet].push(index),
+            None => members.push(vec![index]),
+        }
+    }
+    let peer = LinkConfig {
+        min_delay_us: (scenario.link.peer_delay_s * 1e6) as u64,
+        jitter_us: 0,
+        ..link_config(scenario)
+    };
+    for indices in members {
+        let drones = indices.iter().map(|&index| drone(scenario, &plan.drones[index])).collect();
+        let pairs =
+            indices.iter().flat_map(|&from| indices.iter().map(move |&to| (from * count + to) as u64));
+        let links =
+            pairs.map(|pair| Link::new(peer.clone(), scenario.seed, Stream::LinkPeer, pair)).collect();
+        islands.push(Island::new(drones, links));
+    }
+    islands
+}
+
+fn link_config(scenario: &Scenario) -> LinkConfig {
+    let link = &scenario.link;
+    LinkConfig {
+        min_delay_us: (link.delay_s * 1e6) as u64,
+        jitter_us: (link.jitter_s * 1e6) as u64,
+        loss: link.loss_fraction,
+        duplication: link.duplicate_fraction,
+        reordering: link.reorder_fraction,
+        ..LinkConfig::default()
+    }
+}
+
+fn drone(scenario: &Scenario, planned: &PlannedDrone) -> Drone<FlightAgent> {
+    let (seed, index) = (scenario.seed, u64::from(planned.id.0));
+    let dt_s = f64::from(STEP_S);
+    let wind = WindConfig {
+        mean_mps: scenario.wind.mean_mps,
+        // A bearing that the wind comes from, clockwise from north, to the angle it blows to from east.
+        towards_rad: -(scenario.wind.direction_deg + 90.0).to_radians(),
+        gust_sigma_mps: scenario.wind.gust_sigma_mps,
+        gust_sigma_up_mps: 0.5 * scenario.wind.gust_sigma_mps,
+        gust_tau_s: scenario.wind.gust_time_s,
+        ..WindConfig::default()
+    };
+    let gnss = match scenario.gnss.mode {
+        GnssMode::Rtk => GnssConfig::rtk(),
+        GnssMode::Standalone => GnssConfig::standalone(),
+    };
+    let gnss = GnssConfig {
+        sigma_m: scenario.gnss.sigma_m,
+        sigma_up_m: 1.5 * scenario.gnss.sigma_m,
+        error_bound_m: scenario.fleet.r_s_m,
+        ..gnss
+    };
+    let clock = ClockConfig {
+        offset_ns: scenario.clock.offset_ns,
+        drift_ns_per_s: scenario.clock.drift_ns_per_s,
+        walk_ns_per_sqrt_s: scenario.clock.walk_ns_per_sqrt_s,
+    };
+    let vehicle = VehicleConfig {
+        max_speed_mps: scenario.fleet.speed_mps,
+        max_accel_mps2: scenario.fleet.max_accel_mps2,
+        ..VehicleConfig::default()
+    };
+    let battery = BatteryConfig { endurance_s: scenario.battery.endurance_s, ..BatteryConfig::default() };
+    let mut config = AgentConfig::new(planned.id);
+    config.capture_rate = TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked");
+    config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
+    config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;
+    Drone::new(
+        planned.id,
+        Parts {
+            board: FlightAgent::new(config),
+            vehicle: Vehicle::new(vehicle, dt_s, planned.pad_m),
+            uplink: Link::new(link_config(scenario), seed, Stream::LinkUp, index),
+            downlink: Link::new(link_config(scenario), seed, Stream::LinkDown, index),
+            clock: Clock::new(&clock, seed, index),
+            wind: Wind::new(&wind, dt_s, seed, index),
+            gnss: Gnss::new(&gnss, dt_s, seed, index),
+            battery: Battery::new(&battery, seed, index),
+            tick_hz: scenario.srs.tick_hz,
+            error_radius_m: scenario.fleet.r_s_m,
+            radius_m: scenario.fleet.radius_m,
+        },
+    )
+}
+
+/// Pads of a plan, in order of the drones.
+pub(super) fn pads_m(plan: &MissionPlan) -> Vec<V3> {
+    plan.drones.iter().map(|d| d.pad_m).collect()
+}
