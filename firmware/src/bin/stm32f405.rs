@@ -19,7 +19,11 @@ use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::{Instant, Timer};
+use skyroost_firmware::agent::FlightAgent;
 use skyroost_firmware::board::cadence::Cadence;
+use skyroost_firmware::config::AgentConfig;
+use skyroost_firmware::io::{Inputs, Outputs};
+use skyroost_protocol::units::{DroneId, TimePs};
 
 /// The watchdog resets the board when no step has ended for this long: ten slots at the nominal 32 kHz
 /// of its own oscillator, 136 to 376 ms over that oscillator's range (17 to 47 kHz, data sheet DS8626).
@@ -69,11 +73,18 @@ async fn main(spawner: Spawner) {
 #[embassy_executor::task]
 async fn guidance(mut watchdog: IndependentWatchdog<'static, IWDG>) {
     let mut cadence = Cadence::starting_at(Instant::now().as_micros());
+    let mut agent = FlightAgent::new(AgentConfig::new(DroneId(1)));
+    let (mut inputs, mut outputs) = (Inputs::default(), Outputs::default());
     watchdog.unleash();
     loop {
         Timer::at(Instant::from_micros(cadence.due_us())).await;
         let begun = Instant::now();
-        // The flight agent's step goes here: inputs gathered by the drivers' tasks in, outputs to them.
+        // GNSS time until a receiver disciplines it. The drivers of radio, navigation and capture timer come
+        // with the boards that carry them; until then the agent hears nothing and stays on the ground.
+        let now = TimePs::from_us(begun.as_micros() as i64);
+        outputs.clear();
+        agent.step(now, &inputs, &mut outputs);
+        inputs.clear();
         cadence.finished(begun.as_micros(), Instant::now().as_micros());
         watchdog.pet();
         if cadence.punctuality().steps.is_multiple_of(STEPS_PER_REPORT) {
