@@ -95,6 +95,45 @@ fn dark_colours_are_used_where_the_reader_wants_them() {
     browser.screenshot(&screenshot("dark.png"));
 }
 
+/// The readout's longitude and latitude against the way back: geodetic to earth-centred to local.
+#[test]
+fn truth_the_readout_agrees_with_wgs84() {
+    let recording = staged::recording(10);
+    let report = Report::of(&recording, &staged::summary(&recording));
+    let browser = Browser::start(Window::default());
+    browser.open(&report.path());
+    let stage = browser.find("#stage");
+    for offset_px in [[-300, -150], [-100, 100], [200, 220]] {
+        browser.hover(&stage, offset_px);
+        let readout = browser.eval("return document.querySelector('#readout').textContent");
+        let readout =
+            readout.as_str().expect("the readout is text").replace('−', "-").replace([',', '°'], "");
+        let words: Vec<&str> = readout.split_whitespace().collect();
+        let ["E", e_m, "m", "N", n_m, "m", "·", lat_deg, "N", lon_deg, "E"] = words[..] else {
+            panic!("unexpected readout {readout:?}");
+        };
+        let number = |word: &str| word.parse::<f64>().expect("the readout holds numbers");
+        let origin_deg = recording.origin_lon_lat_deg.expect("the staged mission has an origin");
+        let [e_back_m, n_back_m] = local([number(lon_deg), number(lat_deg)], origin_deg);
+        assert!((e_back_m - number(e_m)).abs() < 1.5, "{readout}: east is {e_back_m}");
+        assert!((n_back_m - number(n_m)).abs() < 1.5, "{readout}: north is {n_back_m}");
+    }
+}
+
+/// East and north of a point of the WGS84 ellipsoid.
+fn local(point_deg: [f64; 2], origin_deg: [f64; 2]) -> [f64; 2] {
+    let earth_centred = |[lon, lat]: [f64; 2]| {
+        let e2 = 0.006_694_379_990_14_f64;
+        let normal_m = 6_378_137.0 / (1.0 - e2 * lat.sin().powi(2)).sqrt();
+        [lat.cos() * lon.cos(), lat.cos() * lon.sin(), (1.0 - e2) * lat.sin()].map(|x| x * normal_m)
+    };
+    let [lon, lat] = origin_deg.map(f64::to_radians);
+    let (point, origin) = (earth_centred(point_deg.map(f64::to_radians)), earth_centred([lon, lat]));
+    let [x, y, z] = [0, 1, 2].map(|i| point[i] - origin[i]);
+    let outward = lon.cos() * x + lon.sin() * y;
+    [lon.cos() * y - lon.sin() * x, lat.cos() * z - lat.sin() * outward]
+}
+
 #[test]
 fn hostile_text_stays_text() {
     let mut recording = staged::recording(50);

@@ -22,7 +22,7 @@ const SERVICE_S: f64 = 300.0;
 const CORNERS_M: [[f64; 2]; 3] = [[28.87, 0.0], [-14.43, 25.0], [-14.43, -25.0]];
 
 /// The mission with so many users.
-pub fn recording(users: usize) -> Recording {
+pub(crate) fn recording(users: usize) -> Recording {
     let mut random = Random(ChaCha8Rng::seed_from_u64(7));
     let paths = lanes();
     let sweep_s = paths.iter().map(|path| CLIMB_S + length([&[BASE_M], &path[..1]].concat()) / SPEED_MPS);
@@ -80,7 +80,7 @@ pub fn recording(users: usize) -> Recording {
 }
 
 /// Results that fit the recording.
-pub fn summary(recording: &Recording) -> Value {
+pub(crate) fn summary(recording: &Recording) -> Value {
     let count = |holds: fn(&UserRecord) -> bool| recording.users.iter().filter(|u| holds(u)).count();
     json!({
         "scenario": "staged", "seed": 7, "backend": "inproc", "drones": 7, "fleets": 2,

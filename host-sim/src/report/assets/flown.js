@@ -11,6 +11,7 @@ function drawFlown(layer, shown, t_s) {
 }
 
 function drawSwept(layer, shown, t_s) {
+  layer.canvas.classList.toggle("past", isPlaced(t_s)); // steps back behind the placements
   const from_s = beginStretch(layer, `${view.version}|${shown.swept}`, t_s);
   if (from_s === null || !shown.swept) return;
   for (const fleet of fleets) drawSweptBy(layer.pen, fleet, from_s, t_s);

@@ -56,7 +56,7 @@ function drawGrid(pen) {
   pen.strokeStyle = theme.grid;
   pen.fillStyle = theme.muted;
   pen.lineWidth = 1;
-  pen.font = `11px ${getComputedStyle(document.body).fontFamily}`;
+  pen.font = `11px ${theme.font}`;
   pen.textBaseline = "top";
   pen.textAlign = "center";
   pen.beginPath();

@@ -8,6 +8,9 @@ const layers = {
   air: addLayer("air"),
 };
 const pointed = { user: null, drone: null, pinned: false };
+/** While the mission plays, users and figures change no faster than an eye can follow; drones do every frame. */
+const FIGURES_EVERY_MS = 120;
+const figures = { t_s: 0, updated_ms: -Infinity };
 let drawRequested = false;
 
 function requestDraw() {
@@ -23,13 +26,18 @@ function draw(now_ms) {
   drawGround(layers.ground, shown);
   drawSwept(layers.swept, shown, t_s);
   drawFlown(layers.flown, shown, t_s);
-  drawUsers(layers.users, shown, t_s, pointed.user);
-  drawAir(layers.air, shown, t_s);
+  if (!clock.playing || now_ms - figures.updated_ms > FIGURES_EVERY_MS) updateFigures(t_s, now_ms);
+  drawUsers(layers.users, shown, figures.t_s);
+  drawAir(layers.air, shown, t_s, pointed.user);
   updateTimeline();
+  showTip();
+}
+
+function updateFigures(t_s, now_ms) {
+  Object.assign(figures, { t_s, updated_ms: now_ms });
   updateLegend(t_s);
   updateDrones(t_s);
   updateEvents(t_s);
-  showTip();
 }
 
 /** Draws everything again, in the colours of now. */

@@ -16,8 +16,8 @@ function isOnStage([x_px, y_px], margin_px) {
   return x_px > -margin_px && y_px > -margin_px && x_px < view.width_px + margin_px && y_px < view.height_px + margin_px;
 }
 
-function drawUsers(layer, shown, t_s, chosen) {
-  const stamp = `${view.version}|${shown.users}|${shown.truth}|${shown.ellipses}|${usersStamp(t_s)}|${chosen?.id}`;
+function drawUsers(layer, shown, t_s) {
+  const stamp = `${view.version}|${shown.users}|${shown.truth}|${shown.ellipses}|${usersStamp(t_s)}`;
   if (!isStale(layer, stamp)) return;
   if (!shown.users) return;
   const { pen } = layer;
@@ -27,33 +27,30 @@ function drawUsers(layer, shown, t_s, chosen) {
     const at_px = toScreen(...shownAt(user, conditions[i]));
     if (isOnStage(at_px, 60)) visible.push({ user, condition: conditions[i], at_px });
   });
-  for (const seen of visible) drawUncertainty(pen, seen, shown, seen.user === chosen);
+  for (const seen of visible) drawUncertainty(pen, seen, shown.ellipses, shown.truth);
   const r_px = symbolRadius();
-  for (const condition of new Set(conditions)) {
-    pen.beginPath();
-    for (const seen of visible) {
-      if (seen.condition === condition) traceSymbol(pen, condition, ...seen.at_px, condition === "pending" ? r_px * 0.75 : r_px);
-    }
-    paintSymbols(pen, condition, r_px);
-  }
-  const seen = visible.find(({ user }) => user === chosen);
-  if (seen) ringAround(pen, seen.at_px, r_px + 4);
+  const stamps = new Map([...new Set(conditions)].map((condition) => [condition, symbolStamp(condition, r_px)]));
+  for (const { condition, at_px } of visible) stampAt(pen, stamps.get(condition), at_px);
 }
 
-function ringAround(pen, [x_px, y_px], r_px) {
+/** The user pointed at: a ring, and where it truly is. */
+function drawChosen(pen, user, shown, t_s) {
+  const condition = conditionOf(user, t_s, stationsAt(t_s));
+  const at_px = toScreen(...shownAt(user, condition));
+  drawUncertainty(pen, { user, condition, at_px }, !shown.ellipses, true);
   pen.beginPath();
-  pen.arc(x_px, y_px, r_px, 0, 2 * Math.PI);
+  pen.arc(...at_px, symbolRadius() + 4, 0, 2 * Math.PI);
   pen.strokeStyle = theme.accent;
   pen.lineWidth = 2;
   pen.stroke();
 }
 
-/** Error ellipse and true position of a located user. */
-function drawUncertainty(pen, { user, condition, at_px }, shown, isChosen) {
+/** Error ellipse and true position of a located user, as wanted. */
+function drawUncertainty(pen, { user, condition, at_px }, withEllipse, withTruth) {
   if (condition === "pending" || !user.estimate_m) return;
   const { ellipse } = user;
   const major_px = (ellipse?.major_m ?? 0) * view.px_per_m;
-  if (ellipse && shown.ellipses && major_px >= ELLIPSE_LEAST_PX) {
+  if (ellipse && withEllipse && major_px >= ELLIPSE_LEAST_PX) {
     pen.beginPath();
     pen.ellipse(...at_px, major_px, ellipse.minor_m * view.px_per_m, -ellipse.angle_rad, 0, 2 * Math.PI);
     pen.fillStyle = pen.strokeStyle = userColour(condition);
@@ -64,7 +61,7 @@ function drawUncertainty(pen, { user, condition, at_px }, shown, isChosen) {
     pen.stroke();
     pen.globalAlpha = 1;
   }
-  if (!shown.truth && !isChosen) return;
+  if (!withTruth) return;
   const [x_px, y_px] = toScreen(...user.truth_m);
   pen.strokeStyle = pen.fillStyle = theme.truth;
   pen.lineWidth = 1;
@@ -77,11 +74,12 @@ function drawUncertainty(pen, { user, condition, at_px }, shown, isChosen) {
   pen.fill();
 }
 
-function drawAir(layer, shown, t_s) {
+function drawAir(layer, shown, t_s, chosen) {
   const { pen } = layer;
-  isStale(layer, `${view.version}|${t_s}|${JSON.stringify(shown)}`);
+  if (!isStale(layer, `${view.version}|${t_s}|${JSON.stringify(shown)}|${chosen && data.users.indexOf(chosen)}`)) return;
   if (shown.placements && isPlaced(t_s)) for (const placement of data.placements) drawPlacement(pen, placement, t_s);
   if (shown.overlap && isSweeping(t_s)) for (const fleet of fleets) drawOverlap(pen, fleet, t_s);
+  if (chosen) drawChosen(pen, chosen, shown, t_s);
   if (shown.drones) drawDrones(pen, t_s);
 }
 

@@ -6,6 +6,7 @@ const STATION_M = 15;
 const ARRIVAL_M = 60;
 /** Spacing of the fleet centre's track, from which the swept ground is drawn. */
 const CENTRE_STEP_S = 5;
+const CENTRE_TOLERANCE_M = 3;
 
 const CONDITIONS = [
   ["pending", "not heard yet"],
@@ -132,5 +133,29 @@ function centreTrack(drones, lanes) {
   for (let t_s = start_s; t_s < end_s; t_s += CENTRE_STEP_S) track.push(formationAt(drones, t_s));
   track.push(formationAt(drones, end_s));
   const arrival = lanes.length > 0 ? track.findIndex(({ centre }) => distance(centre, lanes[0]) <= ARRIVAL_M) : 0;
-  return arrival > 0 ? track.slice(arrival) : track;
+  return thin(track.slice(Math.max(arrival, 0)));
+}
+
+/** Leaves out what lies on the straight flight between its neighbours, so that a lane is one stroke. */
+function thin(track) {
+  const kept = track.slice(0, 1);
+  let anchor = 0;
+  for (let i = 2; i < track.length; i += 1) {
+    if (isStraight(track, anchor, i)) continue;
+    anchor = i - 1;
+    kept.push(track[anchor]);
+  }
+  if (track.length > 1) kept.push(track[track.length - 1]);
+  return kept;
+}
+
+function isStraight(track, from, to) {
+  const [a, b] = [track[from], track[to]];
+  return track.slice(from + 1, to).every(({ t_s, centre, reach_m }) => {
+    const part = (t_s - a.t_s) / (b.t_s - a.t_s);
+    const mix = (x, y) => x + part * (y - x);
+    const straight = [mix(a.centre[0], b.centre[0]), mix(a.centre[1], b.centre[1])];
+    return distance(centre, straight) <= CENTRE_TOLERANCE_M
+      && Math.abs(reach_m - mix(a.reach_m, b.reach_m)) <= CENTRE_TOLERANCE_M;
+  });
 }
