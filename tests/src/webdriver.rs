@@ -185,12 +185,6 @@ impl Browser {
         fs::write(path, png).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     }
 
-    /// The page as printed, a PDF.
-    #[must_use]
-    pub fn print(&self) -> Vec<u8> {
-        decode_base64(&text_of(&self.post("print", &json!({}))))
-    }
-
     fn get(&self, command: &str) -> Value {
         self.driver.call("GET", &format!("/session/{}/{command}", self.session), None)
     }

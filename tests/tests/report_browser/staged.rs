@@ -26,7 +26,7 @@ pub(crate) fn recording(users: usize) -> Recording {
     let mut random = Random(ChaCha8Rng::seed_from_u64(7));
     let paths = lanes();
     let sweep_s = paths.iter().map(|path| CLIMB_S + length([&[BASE_M], &path[..1]].concat()) / SPEED_MPS);
-    let sweep_s = sweep_s.fold(0.0, f64::max);
+    let sweep_s = sweep_s.fold(f64::INFINITY, f64::min);
     let swept_s = paths.iter().map(|path| CLIMB_S + length([&[BASE_M], &path[..]].concat()) / SPEED_MPS);
     let swept_s = swept_s.fold(0.0, f64::max).ceil();
     let mut users: Vec<_> = (0..users).map(|i| user(i, &paths, &mut random)).collect();
@@ -42,7 +42,7 @@ pub(crate) fn recording(users: usize) -> Recording {
     let event = |t_s: f64, drone: Option<u16>, text: &str| EventRecord { t_s, drone, text: text.into() };
     let mut events = vec![
         event(0.0, None, "Plans sent to all drones"),
-        event(sweep_s, None, "Both fleets in formation, sweep starts"),
+        event(sweep_s, None, "First fleet at its first lane, sweep starts"),
         event(2_311.0, Some(4), "Link lost for 3.2 s, went on with the plan"),
         event(3_977.0, Some(2), "Avoidance: gave way to drone 5 for 4 s"),
         event(swept_s, None, "Sweep complete, area covered"),

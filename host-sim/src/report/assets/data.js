@@ -15,7 +15,7 @@ function readData() {
   data.drones = data.drones.map(readDrone);
   data.users = data.users.map((row) => readUser(row, data.sweep_s[1]));
   data.phases = data.phases.filter((phase) => isNumber(phase.t_s));
-  data.events = data.events.filter((event) => isNumber(event.t_s));
+  data.events = data.events.filter((event) => isNumber(event.t_s)).sort((a, b) => a.t_s - b.t_s);
   data.placements = data.placements.filter((placement) => placement.pos_m.every(isNumber));
   data.appearances_s = Float64Array.from(data.users, (user) => user.appears_s).sort();
   return data;

@@ -78,7 +78,7 @@ function drawAir(layer, shown, t_s, chosen) {
   const { pen } = layer;
   if (!isStale(layer, `${view.version}|${t_s}|${JSON.stringify(shown)}|${chosen && data.users.indexOf(chosen)}`)) return;
   if (shown.placements && isPlaced(t_s)) for (const placement of data.placements) drawPlacement(pen, placement, t_s);
-  if (shown.overlap && isSweeping(t_s)) for (const fleet of fleets) drawOverlap(pen, fleet, t_s);
+  if (shown.overlap) for (const fleet of fleets) if (isSweeping(fleet, t_s)) drawOverlap(pen, fleet, t_s);
   if (chosen) drawChosen(pen, chosen, shown, t_s);
   if (shown.drones) drawDrones(pen, t_s);
 }
@@ -108,7 +108,6 @@ function drawPlacement(pen, { drone, pos_m }, t_s) {
 
 /** Where all drones of a fleet hear: the intersection of their disks, with the swath's disk inside. */
 function drawOverlap(pen, { number, drones }, t_s) {
-  if (drones.length === 0) return;
   const colour = fleetColour(number);
   pen.save();
   for (const drone of drones) {

@@ -59,8 +59,8 @@ function distance(a, b) {
   return Math.hypot(a[0] - b[0], a[1] - b[1]);
 }
 
-function isSweeping(t_s) {
-  return t_s >= data.sweep_s[0] && t_s < data.sweep_s[1];
+function isSweeping(fleet, t_s) {
+  return fleet.centre.length > 0 && t_s >= fleet.centre[0].t_s && t_s < data.sweep_s[1];
 }
 
 /** Placements are known once the sweep is over. */
@@ -130,10 +130,10 @@ function centreTrack(drones, lanes) {
   const track = [];
   if (drones.length === 0) return track;
   const [start_s, end_s] = data.sweep_s;
-  for (let t_s = start_s; t_s < end_s; t_s += CENTRE_STEP_S) track.push(formationAt(drones, t_s));
+  for (let t_s = lanes.length > 0 ? 0 : start_s; t_s < end_s; t_s += CENTRE_STEP_S) track.push(formationAt(drones, t_s));
   track.push(formationAt(drones, end_s));
-  const arrival = lanes.length > 0 ? track.findIndex(({ centre }) => distance(centre, lanes[0]) <= ARRIVAL_M) : 0;
-  return thin(track.slice(Math.max(arrival, 0)));
+  const arrival = track.findIndex(({ centre }) => lanes.length > 0 && distance(centre, lanes[0]) <= ARRIVAL_M);
+  return thin(arrival >= 0 ? track.slice(arrival) : track.filter(({ t_s }) => t_s >= start_s));
 }
 
 /** Leaves out what lies on the straight flight between its neighbours, so that a lane is one stroke. */

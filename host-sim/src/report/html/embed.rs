@@ -168,10 +168,10 @@ mod tests {
             ]),
             ..Recording::default()
         };
-        assert_eq!(sweep_s(&recording, 300.0), [60.0, 200.0]);
+        assert_eq!(sweep_s(&recording, 300.0).map(f64::to_bits), [60.0, 200.0].map(f64::to_bits));
         recording.phases = phases(&[(0.0, "Stage one")]);
         recording.users = vec![UserRecord { heard_s: Some(77.0), ..UserRecord::default() }];
-        assert_eq!(sweep_s(&recording, 300.0), [0.0, 77.0]);
+        assert_eq!(sweep_s(&recording, 300.0).map(f64::to_bits), [0.0, 77.0].map(f64::to_bits));
     }
 
     #[test]
