@@ -82,7 +82,8 @@ function showTip() {
   );
   const [x_px, y_px] = toScreen(at_m[0], at_m[1]);
   const gap_px = 16 + Math.min((pointed.user?.ellipse?.major_m ?? 0) * view.px_per_m, 160);
-  const fitsRight = x_px + gap_px + tip.offsetWidth <= view.width_px;
+  const right_px = byId("layers").open ? byId("layers").offsetLeft : view.width_px;
+  const fitsRight = x_px + gap_px + tip.offsetWidth <= right_px;
   const left_px = fitsRight ? x_px + gap_px : x_px - gap_px - tip.offsetWidth;
   const top_px = Math.min(Math.max(y_px - tip.offsetHeight / 2, 8), view.height_px - tip.offsetHeight - 8);
   tip.style.left = `${Math.max(left_px, 8)}px`;
