@@ -15,7 +15,7 @@ const INCONSISTENT_REJECTED: f64 = 0.6;
 /// Largest deviation of a chi-square from its mean, in its standard deviations.
 const CHI2_SIGMAS: f64 = 6.0;
 /// Half the cost difference that a point at 3 standard deviations has.
-const COMPARABLE_COST: f64 = 4.5;
+pub(super) const COMPARABLE_COST: f64 = 4.5;
 /// Occasions of a first look at a mirror point.
 const GLANCE: usize = 16;
 /// Fixes with a smaller r95 are in the linear range (the geometry curves over some 300 m): no profile needed.
@@ -74,17 +74,23 @@ fn rejected_share(fit: &Fit) -> f64 {
 
 /// Looks for users whose captures are thrown out in numbers and tries other starts for them with the clocks as
 /// they are. Says whether any user moved to a better point.
-pub(super) fn restart_bad_fits(problem: &Problem, cfg: &LocalizeConfig, state: &mut State) -> bool {
+pub(super) fn restart_bad_fits(
+    problem: &Problem,
+    cfg: &LocalizeConfig,
+    fits: &[Fit],
+    state: &mut State,
+) -> bool {
     let mut moved = false;
     for u in 0..problem.users.len() {
-        let one = OneUser::new(problem, cfg, state, u);
-        let here = state.pos_m[u];
-        if rejected_share(&one.fit(here)) <= BAD_FIT_REJECTED {
+        if rejected_share(&fits[u]) <= BAD_FIT_REJECTED {
             continue;
         }
+        let one = OneUser::new(problem, cfg, state, u);
+        let here = state.pos_m[u];
         let cost = one.cost(here);
-        let best =
-            (one.starts().into_iter()).map(|start| one.descend(start, 1)).min_by(|a, b| a.1.total_cmp(&b.1));
+        let best = (starts(one.user, cfg).into_iter().map(|start| one.descend(start, 1)))
+            .map(|p| (p, one.cost(p)))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((pos_m, best_cost)) = best
             && best_cost < cost - 1.0
         {
@@ -93,6 +99,24 @@ pub(super) fn restart_bad_fits(problem: &Problem, cfg: &LocalizeConfig, state: &
         }
     }
     moved
+}
+
+/// Points around the centroid, and the centroid.
+pub(super) fn starts(user: &UserSpan, cfg: &LocalizeConfig) -> Vec<[f64; 2]> {
+    let [x, y] = user.centroid_m;
+    let [tx, ty] = user.track;
+    let reach = 0.6 * cfg.expected_radius_m;
+    let mut starts = vec![[x, y]];
+    starts.extend((0..8).map(|k| {
+        let (sin, cos) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
+        [x + reach * (cos * tx - sin * ty), y + reach * (cos * ty + sin * tx)]
+    }));
+    starts
+}
+
+/// How far apart two points must be to contradict each other.
+pub(super) fn distinct_m(r95_m: f64) -> f64 {
+    (2.0 * r95_m).max(1.0)
 }
 
 /// One user with the clocks held.
@@ -143,22 +167,14 @@ impl<'a> OneUser<'a> {
         (info, gradient, fit)
     }
 
-    fn loss(&self) -> Loss {
-        Loss::new(self.cfg.robust, 1.0)
-    }
-
-    fn fit(&self, p: [f64; 2]) -> Fit {
-        self.linearise(p, &self.loss(), 1).2
-    }
-
     fn cost(&self, p: [f64; 2]) -> f64 {
-        self.fit(p).cost
+        self.linearise(p, &Loss::new(self.cfg.robust, 1.0), 1).2.cost
     }
 
-    /// Graduated Levenberg-Marquardt from `start`: the point and its cost.
-    fn descend(&self, start: [f64; 2], stride: usize) -> ([f64; 2], f64) {
+    /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion.
+    fn descend(&self, start: [f64; 2], stride: usize) -> [f64; 2] {
         let mut p = start;
-        for (scale, steps) in [(16.0, 3), (4.0, 3), (1.0, 10)] {
+        for (scale, steps) in [(16.0, 2), (4.0, 2), (1.0, 10)] {
             let loss = Loss::new(self.cfg.robust, scale);
             let (mut info, mut gradient, mut fit) = self.linearise(p, &loss, stride);
             let mut damping = 0.0;
@@ -180,20 +196,7 @@ impl<'a> OneUser<'a> {
                 }
             }
         }
-        (p, self.cost(p))
-    }
-
-    /// Points around the centroid, and the centroid.
-    fn starts(&self) -> Vec<[f64; 2]> {
-        let [x, y] = self.user.centroid_m;
-        let [tx, ty] = self.user.track;
-        let reach = 0.6 * self.cfg.expected_radius_m;
-        let mut starts = vec![[x, y]];
-        starts.extend((0..8).map(|k| {
-            let (sin, cos) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
-            [x + reach * (cos * tx - sin * ty), y + reach * (cos * ty + sin * tx)]
-        }));
-        starts
+        p
     }
 
     /// Whether the point mirrored at the drones' track leads to another minimum that is about as good.
@@ -202,17 +205,16 @@ impl<'a> OneUser<'a> {
         let [cx, cy] = self.user.centroid_m;
         let across = (p[0] - cx) * -ty + (p[1] - cy) * tx;
         let mirrored = [p[0] + 2.0 * across * ty, p[1] - 2.0 * across * tx];
-        let distinct_m = (2.0 * r95_m).max(1.0);
-        let far = |q: [f64; 2]| (q[0] - p[0]).hypot(q[1] - p[1]) > distinct_m;
+        let far = |q: [f64; 2]| (q[0] - p[0]).hypot(q[1] - p[1]) > distinct_m(r95_m);
         if !far(mirrored) {
             return false;
         }
         let stride = (self.user.span.len() / GLANCE).max(1);
-        if !far(self.descend(mirrored, stride).0) {
+        if !far(self.descend(mirrored, stride)) {
             return false;
         }
-        let (rival, cost) = self.descend(mirrored, 1);
-        far(rival) && cost < self.cost(p) + COMPARABLE_COST
+        let rival = self.descend(mirrored, 1);
+        far(rival) && self.cost(rival) < self.cost(p) + COMPARABLE_COST
     }
 
     /// Whether the cost rises by about 3 at both ends of the major axis of the 95 % ellipse, as the covariance

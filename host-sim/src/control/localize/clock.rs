@@ -231,13 +231,13 @@ impl Clocks {
     }
 }
 
-/// A first line for every clock, from users placed at the centroids of the drones that heard them.
+/// A first line for every clock, from users at `pos_m`: for a start the centroids of the drones that heard them.
 ///
 /// That placement is wrong by up to the coverage radius, 100 ns in a TDOA, but to either side: fore and aft it
 /// cancels within a pass, left and right over users. Medians in time bins and the median of the slopes between
 /// bins (Theil 1950, Sen 1968) are not moved by late captures. A drone that never heard together with the
 /// reference is tied to one that did.
-pub(super) fn first_lines(problem: &Problem, cfg: &LocalizeConfig) -> Vec<(f64, f64)> {
+pub(super) fn first_lines(problem: &Problem, cfg: &LocalizeConfig, pos_m: &[[f64; 2]]) -> Vec<(f64, f64)> {
     let n = problem.drones.len();
     let mut lines = vec![(0.0, 0.0); n];
     if cfg.clock == ClockModel::Synchronised {
@@ -247,10 +247,10 @@ pub(super) fn first_lines(problem: &Problem, cfg: &LocalizeConfig) -> Vec<(f64, 
     // All differences between drones i < j of one occasion, as (time, ns), by pair.
     let mut differences: Vec<Vec<(f64, f64)>> = vec![Vec::new(); n * n];
     let stride = problem.heard.len() / 20_000 + 1;
-    for user in &problem.users {
+    for (user, p) in problem.users.iter().zip(pos_m) {
         for heard in problem.heard[user.span.clone()].iter().step_by(stride) {
             let residual: [f64; MAX_CAPTURES] = std::array::from_fn(|i| {
-                let (dx, dy) = (user.centroid_m[0] - heard.east_m[i], user.centroid_m[1] - heard.north_m[i]);
+                let (dx, dy) = (p[0] - heard.east_m[i], p[1] - heard.north_m[i]);
                 heard.toa_ns[i] - (dx * dx + dy * dy + heard.height2_m2[i]).sqrt() / C_M_PER_NS
             });
             for b in 1..usize::from(heard.count) {

@@ -73,7 +73,13 @@ mod tests {
     }
 
     /// (minor over major axis, radius)
-    const TRUTH: [(f64, f64); 0] = [];
+    const TRUTH: [(f64, f64); 5] = [
+        (0.1, 1.962_529_596_8),
+        (0.3, 1.984_196_226_1),
+        (0.5, 2.035_858_720_3),
+        (0.8, 2.230_287_285_7),
+        (0.95, 2.388_119_523_1),
+    ];
 
     #[test]
     fn rotation_does_not_matter() {

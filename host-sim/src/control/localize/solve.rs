@@ -3,7 +3,7 @@
 use super::check;
 use super::clock::{Clocks, Grid, Resolution, first_lines};
 use super::model::{ClockFix, FixStatus, LocalizeConfig, UserFix};
-use super::normal::{Eliminated, Normal, PositionPrior};
+use super::normal::{Eliminated, Fit, Normal, PositionPrior};
 use super::problem::{Problem, UserSpan};
 use super::r95::r95;
 use super::robust::Loss;
@@ -14,7 +14,7 @@ const SCALES: [f64; 5] = [32.0, 16.0, 8.0, 4.0, 2.0];
 /// Steps per scale before the last.
 const STEPS_PER_SCALE: u32 = 2;
 /// Steps at the true noise.
-const MOST_STEPS: u32 = 12;
+const MOST_STEPS: u32 = 30;
 /// Occasions per user that suffice for the first iterations.
 const FIRST_OCCASIONS: usize = 24;
 /// Converged when a step is expected to lower the cost by less than this per user: a hundredth of a standard
@@ -22,6 +22,9 @@ const FIRST_OCCASIONS: usize = 24;
 const TOLERANCE_PER_USER: f64 = 5e-5;
 /// Rounds of new starts for users with a bad fit.
 const MOST_RESTARTS: usize = 3;
+/// Up to this many users a group may have to be started anew as a whole: their errors do not yet average out in
+/// the first lines of the clocks, and clocks and users can settle in a wrong minimum together.
+const FEW_USERS: usize = 6;
 
 /// What one group gives.
 #[derive(Clone, Debug, Default)]
@@ -46,11 +49,20 @@ pub(super) fn solve_group(problem: &Problem, cfg: &LocalizeConfig) -> GroupAnswe
         let users = (problem.users.iter()).map(|user| check::not_located(user, cfg)).collect();
         return GroupAnswer { users, ..GroupAnswer::default() };
     }
-    let mut solver = Solver { problem, cfg, prior: position_prior(cfg), iterations: 0 };
-    let mut state = solver.start();
-    let mut converged = solver.descend(&mut state);
+    let mut solver = Solver::new(problem, cfg);
+    let mut state = solver.start(problem.users.iter().map(|user| user.centroid_m).collect());
+    for scale in SCALES {
+        solver.minimise(&mut state, scale, STEPS_PER_SCALE, true);
+    }
+    if problem.users.len() <= FEW_USERS {
+        solver.start_anew(&mut state);
+    }
+    let fine = Grid::new(problem, cfg, Resolution::Fine);
+    state.clocks = state.clocks.resample(&state.grid, &fine);
+    state.grid = fine;
+    let mut converged = solver.minimise(&mut state, 1.0, MOST_STEPS, false);
     for _ in 0..MOST_RESTARTS {
-        if !check::restart_bad_fits(problem, cfg, &mut state) {
+        if !check::restart_bad_fits(problem, cfg, &solver.fits, &mut state) {
             break;
         }
         solver.minimise(&mut state, 2.0, STEPS_PER_SCALE, false);
@@ -76,26 +88,51 @@ struct Solver<'a> {
     cfg: &'a LocalizeConfig,
     prior: PositionPrior,
     iterations: u32,
+    /// How well the users fit where `minimise` last linearised, and the cost there.
+    fits: Vec<Fit>,
+    cost: f64,
+    /// Minima of the whole group that compare with the best: the positions of all users.
+    rivals: Vec<Vec<[f64; 2]>>,
 }
 
-impl Solver<'_> {
-    /// Users at the centroids of the drones that heard them, clocks on robust lines.
-    fn start(&self) -> State {
+impl<'a> Solver<'a> {
+    fn new(problem: &'a Problem, cfg: &'a LocalizeConfig) -> Self {
+        let prior = position_prior(cfg);
+        Self { problem, cfg, prior, iterations: 0, fits: Vec::new(), cost: f64::INFINITY, rivals: Vec::new() }
+    }
+
+    /// Users at `pos_m`, clocks on robust lines.
+    fn start(&self, pos_m: Vec<[f64; 2]>) -> State {
         let grid = Grid::new(self.problem, self.cfg, Resolution::Coarse);
-        let clocks = Clocks::from_lines(&grid, &first_lines(self.problem, self.cfg));
-        let pos_m = self.problem.users.iter().map(|user| user.centroid_m).collect();
+        let clocks = Clocks::from_lines(&grid, &first_lines(self.problem, self.cfg, &pos_m));
         State { grid, clocks, pos_m }
     }
 
-    /// From a start to the minimum at the true noise. Coarse knots and thinned occasions carry the first part.
-    fn descend(&mut self, state: &mut State) -> bool {
-        for scale in SCALES {
-            self.minimise(state, scale, STEPS_PER_SCALE, true);
+    /// Moves every user in turn to points around its centroid and solves the whole group from there, on coarse
+    /// knots. The best minimum replaces `state`; those that compare with it are kept as rivals.
+    fn start_anew(&mut self, state: &mut State) {
+        self.minimise(state, 1.0, MOST_STEPS, false);
+        let mut best_cost = self.cost;
+        let mut found = vec![(best_cost, state.pos_m.clone())];
+        for u in 0..self.problem.users.len() {
+            for start in check::starts(&self.problem.users[u], self.cfg) {
+                let mut pos_m = state.pos_m.clone();
+                pos_m[u] = start;
+                let mut trial = self.start(pos_m);
+                for scale in &SCALES[2..] {
+                    self.minimise(&mut trial, *scale, STEPS_PER_SCALE, false);
+                }
+                self.minimise(&mut trial, 1.0, MOST_STEPS, false);
+                found.push((self.cost, trial.pos_m.clone()));
+                if self.cost < best_cost {
+                    best_cost = self.cost;
+                    *state = trial;
+                }
+            }
         }
-        let fine = Grid::new(self.problem, self.cfg, Resolution::Fine);
-        state.clocks = state.clocks.resample(&state.grid, &fine);
-        state.grid = fine;
-        self.minimise(state, 1.0, MOST_STEPS, false)
+        let comparable = best_cost + check::COMPARABLE_COST;
+        self.rivals =
+            found.into_iter().filter(|(cost, _)| *cost < comparable).map(|(_, pos_m)| pos_m).collect();
     }
 
     fn evaluate(&self, state: &State, loss: &Loss, thinned: bool, normal: &mut Normal) {
@@ -130,6 +167,7 @@ impl Solver<'_> {
             }
             if step.predicted < tolerance {
                 *state = trial;
+                (self.fits, self.cost) = (normal.fits, normal.cost);
                 return true;
             }
             self.evaluate(&trial, &loss, thinned, &mut trial_normal);
@@ -141,6 +179,7 @@ impl Solver<'_> {
                 damping = raise(damping);
             }
         }
+        (self.fits, self.cost) = (normal.fits, normal.cost);
         false
     }
 
@@ -192,7 +231,14 @@ impl Solver<'_> {
         let user = &self.problem.users[u];
         let fit = normal.fits[u];
         let r95_m = r95(cov_m2);
-        let status = check::status(self.problem, self.cfg, state, u, &fit, r95_m, eliminated.inverse[u]);
+        let rival = self.rivals.iter().any(|rival| {
+            let [east, north] = state.pos_m[u];
+            (rival[u][0] - east).hypot(rival[u][1] - north) > check::distinct_m(r95_m)
+        });
+        let mut status = check::status(self.problem, self.cfg, state, u, &fit, r95_m, eliminated.inverse[u]);
+        if rival && status == FixStatus::Ok {
+            status = FixStatus::Ambiguous;
+        }
         if status == FixStatus::NotLocated {
             let rejected = fit.captures - fit.accepted;
             return UserFix { rejected, ..check::not_located(user, self.cfg) };
