@@ -1,10 +1,12 @@
 //! A grid of squares that serves twice: as buckets of users, and as the first squares of centres,
 //! each with an upper bound on what a drone in it can gain.
 
+use std::ops::Range;
+
 use crate::geometry::V2;
 
-/// Squares per longest reach, where the area is small enough to afford it.
-const SQUARES_PER_REACH: f64 = 4.0;
+/// Squares per longest reach, where the area is small enough to afford it: measured optimum.
+const SQUARES_PER_REACH: f64 = 6.0;
 
 /// How far the circumscribed disk of a square sticks out of it, in sides, rounded up.
 const BULGE: f64 = 0.25;
@@ -14,16 +16,21 @@ const BULGE: f64 = 0.25;
 pub(super) struct Cells {
     origin_m: V2,
     side_m: f64,
-    columns: usize,
-    rows: usize,
+    layout: Layout,
     /// `members[start[c]..start[c + 1]]` are the users of square `c`.
     start: Vec<u32>,
     members: Vec<u32>,
-    home: Vec<u32>,
-    /// Squares within the longest reach of a square, as (column, row) differences. Symmetric.
-    neighbours: Vec<(i32, i32)>,
     /// Upper bound of the gain of any centre in the square.
     ceiling: Vec<f64>,
+}
+
+/// Squares are numbered row by row.
+#[derive(Debug)]
+struct Layout {
+    columns: usize,
+    rows: usize,
+    /// The squares within the longest reach of a square: `half_widths[|dy|]` columns to either side.
+    half_widths: Vec<usize>,
 }
 
 impl Cells {
@@ -46,35 +53,42 @@ impl Cells {
         let mut grid = Self {
             origin_m: low,
             side_m,
-            columns,
-            rows,
+            layout: Layout { columns, rows, half_widths: half_widths(reach_m / side_m + BULGE) },
             start: vec![0; columns * rows + 1],
             members: vec![0; positions_m.len()],
-            home: Vec::new(),
-            neighbours: neighbours(reach_m / side_m),
             ceiling: vec![0.0; columns * rows],
         };
-        grid.home = positions_m.iter().map(|&p| grid.square_of(p) as u32).collect();
-        for &square in &grid.home {
-            grid.start[square as usize + 1] += 1;
+        let home: Vec<usize> = positions_m.iter().map(|&p| grid.square_of(p)).collect();
+        for &square in &home {
+            grid.start[square + 1] += 1;
         }
         for square in 0..columns * rows {
             grid.start[square + 1] += grid.start[square];
         }
         let mut next = grid.start.clone();
-        for (user, &square) in grid.home.iter().enumerate() {
-            grid.members[next[square as usize] as usize] = user as u32;
-            next[square as usize] += 1;
+        for (user, &square) in home.iter().enumerate() {
+            grid.members[next[square] as usize] = user as u32;
+            next[square] += 1;
         }
         grid
     }
 
-    /// Changes the weight of `user` by `difference` in every square within reach of it.
-    pub(super) fn add_weight(&mut self, user: usize, difference: f64) {
-        let home = self.home[user] as usize;
-        for &offset in &self.neighbours {
-            if let Some(square) = step(home, offset, self.columns, self.rows) {
-                self.ceiling[square] += difference;
+    /// Changes the weight of a user at `position_m` in every square within `reach_m` of it.
+    pub(super) fn add_weight(&mut self, position_m: V2, reach_m: f64, difference: f64) {
+        let home = self.square_of(position_m);
+        let (first, half_m) = (self.origin_m + V2::repeat(0.5 * self.side_m), 0.5 * self.side_m);
+        // Distances are rounded: a hair more reach keeps the bound on the safe side.
+        let reach_m = reach_m + 1e-9 * self.side_m;
+        for row in self.layout.rows_near(home) {
+            let columns = self.layout.columns;
+            let middle_y = first.y + (row.start / columns) as f64 * self.side_m;
+            let dy = ((position_m.y - middle_y).abs() - half_m).max(0.0);
+            for square in row {
+                let middle_x = first.x + (square % columns) as f64 * self.side_m;
+                let dx = ((position_m.x - middle_x).abs() - half_m).max(0.0);
+                if dx * dx + dy * dy <= reach_m * reach_m {
+                    self.ceiling[square] += difference;
+                }
             }
         }
     }
@@ -89,16 +103,15 @@ impl Cells {
 
     /// Middle and half side of a square.
     pub(super) fn square(&self, square: usize) -> (V2, f64) {
-        let corner = V2::new((square % self.columns) as f64, (square / self.columns) as f64);
+        let corner = V2::new((square % self.layout.columns) as f64, (square / self.layout.columns) as f64);
         (self.origin_m + (corner + V2::repeat(0.5)) * self.side_m, 0.5 * self.side_m)
     }
 
     /// Users within the longest reach of the circumscribed disk of the square, and some more.
     pub(super) fn within_reach(&self, square: usize) -> impl Iterator<Item = u32> + '_ {
-        self.neighbours
-            .iter()
-            .filter_map(move |&offset| step(square, offset, self.columns, self.rows))
-            .flat_map(|s| &self.members[self.start[s] as usize..self.start[s + 1] as usize])
+        self.layout
+            .rows_near(square)
+            .flat_map(|row| &self.members[self.start[row.start] as usize..self.start[row.end] as usize])
             .copied()
     }
 
@@ -106,23 +119,30 @@ impl Cells {
     pub(super) fn square_of(&self, at: V2) -> usize {
         let place = (at - self.origin_m) / self.side_m;
         let index = |x: f64, count: usize| (x.max(0.0) as usize).min(count - 1);
-        index(place.y, self.rows) * self.columns + index(place.x, self.columns)
+        index(place.y, self.layout.rows) * self.layout.columns + index(place.x, self.layout.columns)
     }
 }
 
-fn step(square: usize, (dx, dy): (i32, i32), columns: usize, rows: usize) -> Option<usize> {
-    let x = (square % columns).checked_add_signed(dx as isize).filter(|&x| x < columns)?;
-    let y = (square / columns).checked_add_signed(dy as isize).filter(|&y| y < rows)?;
-    Some(y * columns + x)
+impl Layout {
+    /// The squares within the longest reach of a square, row by row.
+    fn rows_near(&self, square: usize) -> impl Iterator<Item = Range<usize>> {
+        let (x, y) = (square % self.columns, square / self.columns);
+        let most = self.half_widths.len() - 1;
+        (y.saturating_sub(most)..=(y + most).min(self.rows - 1)).map(move |row| {
+            let half = self.half_widths[row.abs_diff(y)];
+            row * self.columns + x.saturating_sub(half)..row * self.columns + (x + half + 1).min(self.columns)
+        })
+    }
 }
 
-/// Differences of squares whose least distance is within `reach` (in sides) of the bulging square.
-fn neighbours(reach: f64) -> Vec<(i32, i32)> {
-    let reach = reach + BULGE;
-    let most = reach.ceil() as i32 + 1;
-    let gap = |d: i32| f64::from((d.abs() - 1).max(0));
-    (-most..=most)
-        .flat_map(|dy| (-most..=most).map(move |dx| (dx, dy)))
-        .filter(|&(dx, dy)| gap(dx).hypot(gap(dy)) <= reach)
+/// By rows up or down, how many columns to either side hold squares within `reach` sides of a square.
+fn half_widths(reach: f64) -> Vec<usize> {
+    // Squares d rows or columns apart leave a gap of d - 1 sides.
+    let rows = reach.floor() as usize + 1;
+    (0..=rows)
+        .map(|dy| {
+            let gap = dy.saturating_sub(1) as f64;
+            (reach * reach - gap * gap).max(0.0).sqrt().floor() as usize + 1
+        })
         .collect()
 }

@@ -88,7 +88,7 @@ impl<'a> Counting<'a> {
         };
         for (user, u) in users.iter().enumerate().filter(|(_, u)| coverable(u)) {
             circles.weights[user] = u.weight;
-            cells.add_weight(user, u.weight);
+            cells.add_weight(u.pos_m, u.radius_m + WIDENING_M, u.weight);
         }
         Some(Self { cells, users, circles })
     }
@@ -99,7 +99,7 @@ impl<'a> Counting<'a> {
         let found = search::search(&self.cells, &self.circles, keep_out, goal);
         let mut best: Option<Disk> = None;
         for tie in found.ties.values() {
-            let Some(disk) = self.centred(tie, found.value, keep_out) else { continue };
+            let Some(disk) = self.centred(tie, keep_out) else { continue };
             if best.as_ref().is_none_or(|b| preferred(&disk, b)) {
                 best = Some(disk);
             }
@@ -108,13 +108,15 @@ impl<'a> Counting<'a> {
     }
 
     /// The users of a tie, seen from their best centre; `None` where no centre has them all.
-    fn centred(&self, tie: &Tie, weight: f64, keep_out: &KeepOut) -> Option<Disk> {
+    fn centred(&self, tie: &Tie, keep_out: &KeepOut) -> Option<Disk> {
         let Circles { positions_m, radii_m, weights, .. } = &self.circles;
+        // A centre found by a sweep lies on a circle: it must not lose that user to rounding.
+        let slack_m = tie.rho_m + 0.5 * WIDENING_M;
         let mut covered: Vec<usize> = self
             .cells
             .within_reach(self.cells.square_of(tie.at))
             .map(|user| user as usize)
-            .filter(|&u| weights[u] > 0.0 && (positions_m[u] - tie.at).norm() <= radii_m[u] + tie.rho_m)
+            .filter(|&u| weights[u] > 0.0 && (positions_m[u] - tie.at).norm() <= radii_m[u] + slack_m)
             .collect();
         covered.sort_unstable();
         let disks: Vec<(V2, f64)> =
@@ -122,6 +124,7 @@ impl<'a> Counting<'a> {
         // A tie of radius 0 is a centre that has them all already: the way out if centring fails.
         let witness = (tie.rho_m <= 0.0).then_some(tie.at);
         let (pos_m, margin_m) = centre::most_margin(&disks, keep_out, witness)?;
+        let weight = covered.iter().map(|&u| weights[u]).sum();
         (margin_m >= -TOLERANCE_M).then_some(Disk { pos_m, covered, weight, margin_m })
     }
 }
@@ -139,7 +142,9 @@ impl Step for Counting<'_> {
 
     fn serve(&mut self, site: &Site) {
         for &user in &site.covered {
-            self.cells.add_weight(user, -self.circles.weights[user]);
+            let circles = &self.circles;
+            let (at, reach_m) = (circles.positions_m[user], circles.radii_m[user]);
+            self.cells.add_weight(at, reach_m, -circles.weights[user]);
             self.circles.weights[user] = 0.0;
         }
     }

@@ -137,16 +137,18 @@ impl Chances {
     pub(super) fn new(users: &[UserBelief], radius_m: f64) -> Option<Self> {
         let positions_m: Vec<V2> = users.iter().map(|u| u.pos_m).collect();
         let spreads: Vec<Spread> = users.iter().map(|u| Spread::new(&u.cov_m2)).collect();
-        let longest_sigma_m = spreads.iter().map(|s| s.most_var_m2.sqrt()).reduce(f64::max)?;
-        let reach_m = radius_m + CERTAIN_SIGMA * longest_sigma_m + super::TOLERANCE_M;
-        let mut cells = Cells::new(&positions_m, reach_m);
-        (0..users.len()).for_each(|user| cells.add_weight(user, 1.0));
-        let crowd = Crowd { positions_m, spreads, unserved: vec![1.0; users.len()], radius_m };
-        Some(Self { cells, crowd, counted: vec![false; users.len()] })
+        let crowd = Crowd { positions_m, spreads, unserved: vec![0.0; users.len()], radius_m };
+        let longest_m = (0..users.len()).map(|user| crowd.reach_m(user)).reduce(f64::max)?;
+        let cells = Cells::new(&crowd.positions_m, longest_m);
+        let mut chances = Self { cells, crowd, counted: vec![false; users.len()] };
+        (0..users.len()).for_each(|user| chances.set_unserved(user, 1.0));
+        Some(chances)
     }
 
     fn set_unserved(&mut self, user: usize, probability: f64) {
-        self.cells.add_weight(user, probability - self.crowd.unserved[user]);
+        let crowd = &self.crowd;
+        let difference = probability - crowd.unserved[user];
+        self.cells.add_weight(crowd.positions_m[user], crowd.reach_m(user), difference);
         self.crowd.unserved[user] = probability;
     }
 
@@ -256,6 +258,11 @@ impl Step for Chances {
 }
 
 impl Crowd {
+    /// Distance at which a user is out for certain.
+    fn reach_m(&self, user: usize) -> f64 {
+        self.radius_m + CERTAIN_SIGMA * self.spreads[user].most_var_m2.sqrt() + super::TOLERANCE_M
+    }
+
     fn within(&self, user: usize, centre_m: V2) -> f64 {
         self.spreads[user].within(self.positions_m[user] - centre_m, self.radius_m)
     }
