@@ -51,7 +51,7 @@ pub struct Disk {
 /// ```
 #[must_use]
 pub fn best_disk(users: &[PlaceUser]) -> Option<Disk> {
-    Counting::new(users)?.best_disk(&KeepOut::default())
+    Some(Counting::new(users)?.best_disk(&KeepOut::default())?.0)
 }
 
 /// The one-disk problem over users that are struck off as they are served.
@@ -93,8 +93,8 @@ impl<'a> Counting<'a> {
         Some(Self { cells, users, circles })
     }
 
-    /// The best disk over the users left.
-    fn best_disk(&self, keep_out: &KeepOut) -> Option<Disk> {
+    /// The best disk over the users left, and a weight that no disk exceeds, kept out or not.
+    fn best_disk(&self, keep_out: &KeepOut) -> Option<(Disk, f64)> {
         let goal = Goal { above: 0.0, gap: 0.0, collect_ties: true };
         let found = search::search(&self.cells, &self.circles, keep_out, goal);
         let mut best: Option<Disk> = None;
@@ -104,7 +104,7 @@ impl<'a> Counting<'a> {
                 best = Some(disk);
             }
         }
-        best
+        Some((best?, found.ceiling))
     }
 
     /// The users of a tie, seen from their best centre; `None` where no centre has them all.
@@ -131,12 +131,12 @@ impl<'a> Counting<'a> {
 
 impl Step for Counting<'_> {
     fn best(&self, keep_out: &KeepOut) -> Option<(Site, f64)> {
-        let Disk { pos_m, covered, weight, margin_m } = self.best_disk(keep_out)?;
-        Some((Site { pos_m, covered, margin_m, expected: weight }, weight))
+        let (Disk { pos_m, covered, weight, margin_m }, ceiling) = self.best_disk(keep_out)?;
+        Some((Site { pos_m, covered, margin_m, expected: weight }, ceiling.max(weight)))
     }
 
-    fn ceiling(&self, at_least: f64) -> f64 {
-        let goal = Goal { above: at_least, gap: 0.0, collect_ties: false };
+    fn ceiling(&self) -> f64 {
+        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: false };
         search::search(&self.cells, &self.circles, &KeepOut::default(), goal).value
     }
 
@@ -161,11 +161,15 @@ impl Gain for Circles {
         let user = user as usize;
         let (weight, radius_m) = (self.weights[user], self.radii_m[user]);
         let distance_m = (self.positions_m[user] - at).norm();
-        let gained = |within: bool| if within { weight } else { 0.0 };
-        Bracket {
-            least: gained(distance_m + rho_m <= radius_m),
-            at_middle: gained(distance_m <= radius_m),
-            greatest: gained(distance_m <= radius_m + rho_m),
+        if weight <= 0.0 || distance_m > radius_m + rho_m {
+            Bracket::Never
+        } else if distance_m + rho_m <= radius_m {
+            Bracket::Always(weight)
+        } else {
+            Bracket::Varying {
+                at_middle: if distance_m <= radius_m { weight } else { 0.0 },
+                greatest: weight,
+            }
         }
     }
 
@@ -184,7 +188,8 @@ impl Gain for Circles {
         for &shore in &shores {
             sweep.along(shore, keep_out.shore_m(), best);
         }
-        Some(f64::NEG_INFINITY)
+        // Where some centres are kept out, the sweeps have not seen all.
+        Some(if shores.is_empty() { f64::NEG_INFINITY } else { node.ceiling })
     }
 }
 

@@ -80,13 +80,27 @@ struct Spread {
     cov_m2: Matrix2<f64>,
     least_var_m2: f64,
     most_var_m2: f64,
+    /// Beyond this much room the chance is 1, beyond this much lack of it 0.
+    certain_m: f64,
 }
 
 impl Spread {
     fn new(cov_m2: &Matrix2<f64>) -> Self {
         let mean = 0.5 * (cov_m2.m11 + cov_m2.m22);
         let half_spread = (0.5 * (cov_m2.m11 - cov_m2.m22)).hypot(cov_m2.m12);
-        Self { cov_m2: *cov_m2, least_var_m2: (mean - half_spread).max(0.0), most_var_m2: mean + half_spread }
+        let (least_var_m2, most_var_m2) = ((mean - half_spread).max(0.0), mean + half_spread);
+        let certain_m = CERTAIN_SIGMA * most_var_m2.sqrt() + super::TOLERANCE_M;
+        Self { cov_m2: *cov_m2, least_var_m2, most_var_m2, certain_m }
+    }
+
+    /// How much the radial variance may change while the centre moves by `rho_m`, the user at `distance_m`.
+    ///
+    /// The direction turns by asin(rho / d) <= rho / sqrt(d^2 - rho^2) at most, and the variance by
+    /// direction changes by at most the difference of its extremes per radian.
+    fn change_m2(&self, distance_m: f64, rho_m: f64) -> f64 {
+        let extremes_m2 = self.most_var_m2 - self.least_var_m2;
+        let clear_m2 = distance_m * distance_m - rho_m * rho_m;
+        if clear_m2 > 0.0 { extremes_m2 * (rho_m / clear_m2.sqrt()).min(1.0) } else { extremes_m2 }
     }
 
     /// Variance along `offset_m`; the greatest one where that has no direction.
@@ -241,8 +255,8 @@ impl Step for Chances {
         Some((site, ceiling))
     }
 
-    fn ceiling(&self, at_least: f64) -> f64 {
-        let goal = Goal { above: at_least.max(LEAST_GAIN_USERS), gap: GAP_USERS, collect_ties: false };
+    fn ceiling(&self) -> f64 {
+        let goal = Goal { above: LEAST_GAIN_USERS, gap: GAP_USERS, collect_ties: false };
         search::search(&self.cells, &self.crowd, &KeepOut::default(), goal).ceiling
     }
 
@@ -260,7 +274,7 @@ impl Step for Chances {
 impl Crowd {
     /// Distance at which a user is out for certain.
     fn reach_m(&self, user: usize) -> f64 {
-        self.radius_m + CERTAIN_SIGMA * self.spreads[user].most_var_m2.sqrt() + super::TOLERANCE_M
+        self.radius_m + self.spreads[user].certain_m
     }
 
     fn within(&self, user: usize, centre_m: V2) -> f64 {
@@ -279,29 +293,24 @@ impl Gain for Crowd {
         let offset_m = self.positions_m[user] - at;
         let distance_m = offset_m.norm();
         let room_m = self.radius_m - distance_m;
-        let certain_m = rho_m + CERTAIN_SIGMA * spread.most_var_m2.sqrt();
-        if room_m.abs() >= certain_m {
-            let all = if room_m >= 0.0 { weight } else { 0.0 };
-            return Bracket { least: all, at_middle: all, greatest: all };
+        if weight <= 0.0 || room_m <= -(rho_m + spread.certain_m) {
+            return Bracket::Never;
         }
+        if room_m >= rho_m + spread.certain_m {
+            return Bracket::Always(weight);
+        }
+        // With more room the chance grows. More variance hurts where there is room, and helps where not.
         let radial = spread.radial_var_m2(offset_m);
-        // Seen from the node, the direction to the user turns by asin(rho / d) at most, and the variance
-        // by direction changes by at most the difference of its extremes per radian.
-        let (low, high) = if distance_m > rho_m {
-            let change = (spread.most_var_m2 - spread.least_var_m2) * (rho_m / distance_m).asin();
-            ((radial - change).max(spread.least_var_m2), (radial + change).min(spread.most_var_m2))
+        let nearest_m = room_m + rho_m.min(distance_m);
+        let slack = spread.change_m2(distance_m, rho_m);
+        let helpful = if nearest_m >= 0.0 {
+            (radial - slack).max(spread.least_var_m2)
         } else {
-            (spread.least_var_m2, spread.most_var_m2)
+            (radial + slack).min(spread.most_var_m2)
         };
-        // More room helps; more variance hurts where there is room and helps where there is none.
-        let (nearest_m, farthest_m) = (room_m + rho_m.min(distance_m), room_m - rho_m);
-        let pick = |room_m: f64, with_room: f64, without: f64| {
-            weight * chance(room_m, if room_m >= 0.0 { with_room } else { without })
-        };
-        Bracket {
-            least: pick(farthest_m, high, low),
+        Bracket::Varying {
             at_middle: weight * chance(room_m, radial),
-            greatest: pick(nearest_m, low, high),
+            greatest: weight * chance(nearest_m, helpful),
         }
     }
 

@@ -8,11 +8,11 @@ use crate::geometry::V2;
 
 /// The one-drone problem over what earlier drones have left.
 pub(super) trait Step {
-    /// The best site, and a value that no allowed site exceeds. `None`: nothing to gain.
+    /// The best site, and a value that no site exceeds, allowed or not. `None`: nothing to gain.
     fn best(&self, keep_out: &KeepOut) -> Option<(Site, f64)>;
 
-    /// A value that no site exceeds, allowed or not; `at_least` is known to be reached.
-    fn ceiling(&self, at_least: f64) -> f64;
+    /// A value that no site exceeds, allowed or not.
+    fn ceiling(&self) -> f64;
 
     /// Takes from every user what the site gives it.
     fn serve(&mut self, site: &Site);
@@ -59,9 +59,8 @@ fn greedy(step: &mut impl Step, fleet: Fleet) -> Placement {
         let best = if index < fleet.drones { step.best(&keep_out) } else { None };
         let (value, mut ceiling) =
             best.as_ref().map_or((0.0, 0.0), |(site, ceiling)| (site.expected, *ceiling));
-        // The bound is on sites that keep clear of each other, but not of those chosen here.
-        if index == fleet.drones || !keep_out.is_empty() {
-            ceiling = step.ceiling(value).max(ceiling);
+        if best.is_none() {
+            ceiling = step.ceiling();
         }
         let bound = placement.value + fleet.drones as f64 * ceiling;
         placement.upper_bound = placement.upper_bound.min(bound);

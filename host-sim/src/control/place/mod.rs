@@ -160,10 +160,6 @@ impl KeepOut {
         }
     }
 
-    fn is_empty(&self) -> bool {
-        self.centres.is_empty()
-    }
-
     /// Whether a drone may hover at `at`.
     fn allows(&self, at: V2) -> bool {
         self.centres.iter().all(|c| (at - c).norm() >= self.radius_m)

@@ -10,7 +10,7 @@ use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap};
 
 use super::KeepOut;
-use super::cells::Cells;
+use super::cells::{Cells, Ranked};
 use crate::geometry::V2;
 
 /// Sums of weights closer than this are equal.
@@ -18,10 +18,13 @@ pub(super) const SAME_VALUE: f64 = 1e-9;
 
 /// What a user contributes over the disk of centres of a node.
 #[derive(Clone, Copy)]
-pub(super) struct Bracket {
-    pub(super) least: f64,
-    pub(super) at_middle: f64,
-    pub(super) greatest: f64,
+pub(super) enum Bracket {
+    /// Nothing, wherever the centre.
+    Never,
+    /// The same, wherever the centre.
+    Always(f64),
+    /// At most `greatest`.
+    Varying { at_middle: f64, greatest: f64 },
 }
 
 /// What is summed over the users.
@@ -99,7 +102,7 @@ pub(super) struct Best {
     pub(super) value: f64,
     /// The first centre that reached `value`.
     pub(super) at: Option<V2>,
-    /// No centre is worth more than this.
+    /// No centre is worth more than this, not even one that is kept out.
     pub(super) ceiling: f64,
     /// By name. Those with a radius are rivals that may turn out not to be coverable.
     pub(super) ties: BTreeMap<u64, Tie>,
@@ -132,117 +135,130 @@ pub(super) struct Goal {
 
 /// Best centre for one drone. The value is `goal.above` and there is no centre when nothing is better.
 pub(super) fn search<G: Gain>(cells: &Cells, gain: &G, keep_out: &KeepOut, goal: Goal) -> Best {
-    let mut best = Best { value: goal.above, at: None, ceiling: goal.above, ties: BTreeMap::new() };
-    let mut heap = BinaryHeap::new();
-    let mut age = 0;
-    let mut squares = cells.by_ceiling(goal.above).into_iter().peekable();
+    let best = Best { value: goal.above, at: None, ceiling: goal.above, ties: BTreeMap::new() };
+    let mut search = Search { gain, keep_out, goal, best, heap: BinaryHeap::new(), age: 0, open: Vec::new() };
+    let mut squares = cells.by_ceiling(goal.above);
     loop {
-        let open_above = best.value + goal.gap.max(SAME_VALUE);
-        let in_heap = heap.peek().map_or(f64::NEG_INFINITY, |n: &Node| n.ceiling);
-        let fresh = squares.next_if(|&(ceiling, _)| ceiling > open_above && ceiling >= in_heap);
-        if let Some((_, square)) = fresh {
-            let (at, half_m) = cells.square(square);
-            let users = cells.within_reach(square);
-            open(gain, keep_out, goal, (at, half_m), (0.0, 0), users, &mut age, &mut best, &mut heap);
-            continue;
-        }
-        if in_heap <= open_above {
+        let in_heap = search.heap.peek().map_or(f64::NEG_INFINITY, |node| node.ceiling);
+        let fresh = squares.peek().map_or(f64::NEG_INFINITY, |square| square.ceiling);
+        if in_heap.max(fresh) <= search.open_above() {
             break;
         }
-        let Some(node) = heap.pop() else { break };
-        if let Some(ceiling) = gain.settle(&node, keep_out, &mut best) {
-            best.ceiling = best.ceiling.max(ceiling);
-            continue;
+        if fresh >= in_heap {
+            search.open_square(cells, &mut squares);
+        } else {
+            search.settle_or_split();
+        }
+    }
+    search.best.ceiling = search.best.ceiling.max(search.best.value + goal.gap);
+    if goal.collect_ties && search.best.at.is_some() {
+        search.collect_ties(cells, squares);
+    }
+    search.best
+}
+
+/// The state of one search.
+struct Search<'a, G> {
+    gain: &'a G,
+    keep_out: &'a KeepOut,
+    goal: Goal,
+    best: Best,
+    heap: BinaryHeap<Node>,
+    age: u32,
+    /// Scratch: most nodes are not kept, and then their list need not be.
+    open: Vec<u32>,
+}
+
+impl<G: Gain> Search<'_, G> {
+    /// Nodes up to this hold nothing of interest.
+    fn open_above(&self) -> f64 {
+        self.best.value + self.goal.gap.max(SAME_VALUE)
+    }
+
+    fn open_square(&mut self, cells: &Cells, squares: &mut BinaryHeap<Ranked>) {
+        if let Some(Ranked { square, .. }) = squares.pop() {
+            let (at, half_m) = cells.square(square);
+            self.open(at, half_m, (0.0, 0), cells.within_reach(square));
+        }
+    }
+
+    fn settle_or_split(&mut self) {
+        let Some(node) = self.heap.pop() else { return };
+        if let Some(ceiling) = self.gain.settle(&node, self.keep_out, &mut self.best) {
+            self.best.ceiling = self.best.ceiling.max(ceiling);
+            return;
         }
         let quarter_m = 0.5 * node.half_m;
         for (sx, sy) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
             let at = node.at + V2::new(sx, sy) * quarter_m;
-            let certain = (node.certain, node.certain_name);
-            let users = node.open.iter().copied();
-            open(gain, keep_out, goal, (at, quarter_m), certain, users, &mut age, &mut best, &mut heap);
+            self.open(at, quarter_m, (node.certain, node.certain_name), node.open.iter().copied());
         }
     }
-    best.ceiling = best.ceiling.max(best.value + goal.gap);
-    if goal.collect_ties && best.at.is_some() {
-        collect_ties(cells, gain, keep_out, goal, heap.into_vec(), squares, &mut best);
-    }
-    best
-}
 
-/// The best value is final here, and a node whose ceiling equals it can reach it in one way only:
-/// with all its users. So such a node is one set of users, and needs no further search.
-fn collect_ties<G: Gain>(
-    cells: &Cells,
-    gain: &G,
-    keep_out: &KeepOut,
-    goal: Goal,
-    nodes: Vec<Node>,
-    squares: impl Iterator<Item = (f64, usize)>,
-    best: &mut Best,
-) {
-    let mut heap = BinaryHeap::from(nodes);
-    let mut age = u32::MAX / 2;
-    let least = best.value - SAME_VALUE;
-    for (_, square) in squares.take_while(|&(ceiling, _)| ceiling >= least) {
-        let users = cells.within_reach(square);
-        open(gain, keep_out, goal, cells.square(square), (0.0, 0), users, &mut age, best, &mut heap);
+    /// The best value is final here, and a node whose ceiling equals it can reach it in one way only:
+    /// with all its users. So such a node is one set of users, and needs no further search.
+    fn collect_ties(&mut self, cells: &Cells, mut squares: BinaryHeap<Ranked>) {
+        let least = self.best.value - SAME_VALUE;
+        while squares.peek().is_some_and(|square| square.ceiling >= least) {
+            self.open_square(cells, &mut squares);
+        }
+        for node in std::mem::take(&mut self.heap).into_sorted_vec().iter().rev() {
+            if node.ceiling >= least {
+                let tie = Tie { at: node.at, rho_m: node.rho_m() };
+                self.best.ties.entry(node.full_name).or_insert(tie);
+            }
+        }
     }
-    for node in heap.into_sorted_vec().iter().rev().filter(|node| node.ceiling >= least) {
-        best.ties.entry(node.full_name).or_insert(Tie { at: node.at, rho_m: node.rho_m() });
-    }
-}
 
-/// Bounds one square, offers its middle, and keeps it if it can still hold something better.
-#[expect(clippy::too_many_arguments, reason = "the state of one search, spelt out once")]
-fn open<G: Gain>(
-    gain: &G,
-    keep_out: &KeepOut,
-    goal: Goal,
-    (at, half_m): (V2, f64),
-    (mut certain, mut certain_name): (f64, u64),
-    users: impl Iterator<Item = u32>,
-    age: &mut u32,
-    best: &mut Best,
-    heap: &mut BinaryHeap<Node>,
-) {
-    let rho_m = half_m * std::f64::consts::SQRT_2;
-    if keep_out.swallows(at, rho_m) {
-        return;
-    }
-    let mut open = Vec::new();
-    let (mut varying, mut middle, mut full_name, mut middle_name) = (0.0, 0.0, 0u64, 0u64);
-    for user in users {
-        let Bracket { least, at_middle, greatest } = gain.bracket(user, at, rho_m);
-        if greatest <= 0.0 {
-            continue;
+    /// Bounds one square, offers its middle, and keeps it if it can still hold something better.
+    fn open(
+        &mut self,
+        at: V2,
+        half_m: f64,
+        (mut certain, mut certain_name): (f64, u64),
+        users: impl Iterator<Item = u32>,
+    ) {
+        let rho_m = half_m * std::f64::consts::SQRT_2;
+        self.open.clear();
+        let (mut varying, mut middle, mut open_name, mut middle_name) = (0.0, 0.0, 0u64, 0u64);
+        for user in users {
+            match self.gain.bracket(user, at, rho_m) {
+                Bracket::Never => {}
+                Bracket::Always(value) => {
+                    certain += value;
+                    certain_name = certain_name.wrapping_add(user_name(user));
+                }
+                Bracket::Varying { at_middle, greatest } => {
+                    self.open.push(user);
+                    varying += greatest;
+                    let name = user_name(user);
+                    open_name = open_name.wrapping_add(name);
+                    if at_middle > 0.0 {
+                        middle += at_middle;
+                        middle_name = middle_name.wrapping_add(name);
+                    }
+                }
+            }
         }
-        let name = user_name(user);
-        if least >= greatest {
-            certain += greatest;
-            certain_name = certain_name.wrapping_add(name);
-            continue;
+        let ceiling = certain + varying;
+        if self.keep_out.swallows(at, rho_m) {
+            // No centre here, but the bound on all centres must know.
+            self.best.ceiling = self.best.ceiling.max(ceiling);
+            return;
         }
-        open.push(user);
-        varying += greatest;
-        full_name = full_name.wrapping_add(name);
-        if at_middle > 0.0 {
-            middle += at_middle;
-            middle_name = middle_name.wrapping_add(name);
+        if certain + middle > 0.0 && self.keep_out.allows(at) {
+            self.best.offer(certain + middle, certain_name.wrapping_add(middle_name), at);
         }
-    }
-    if keep_out.allows(at) && certain + middle > 0.0 {
-        best.offer(certain + middle, certain_name.wrapping_add(middle_name), at);
-    }
-    let ceiling = certain + varying;
-    let worth = if goal.collect_ties {
-        ceiling >= best.value - SAME_VALUE
-    } else {
-        ceiling > best.value + goal.gap.max(SAME_VALUE)
-    };
-    // A node without open users is flat: its middle has said all, unless the middle is not allowed.
-    if worth && ceiling > 0.0 {
-        let full_name = full_name.wrapping_add(certain_name);
-        heap.push(Node { at, half_m, certain, certain_name, open, ceiling, full_name, age: *age });
-        *age += 1;
+        let worth = if self.goal.collect_ties {
+            ceiling >= self.best.value - SAME_VALUE
+        } else {
+            ceiling > self.open_above()
+        };
+        if worth && ceiling > 0.0 {
+            let full_name = open_name.wrapping_add(certain_name);
+            let (open, age) = (self.open.clone(), self.age);
+            self.heap.push(Node { at, half_m, certain, certain_name, open, ceiling, full_name, age });
+            self.age += 1;
+        }
     }
 }
