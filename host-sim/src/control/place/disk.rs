@@ -179,8 +179,8 @@ impl Gain for Circles {
         }
         let (at, rho_m) = (node.at, node.rho_m());
         let shores: Vec<V2> = keep_out.near(at, rho_m).collect();
-        let mut sweep =
-            Sweep { circles: self, node, shores: &shores, shore_m: keep_out.shore_m(), events: vec![] };
+        let (shore_m, now) = (keep_out.shore_m(), Sum { weight: 0.0, barred: 0, name: 0 });
+        let mut sweep = Sweep { circles: self, node, shores: &shores, shore_m, now, events: Vec::new() };
         for &user in &node.open {
             let user = user as usize;
             sweep.along(self.positions_m[user], self.radii_m[user], best);
@@ -193,15 +193,32 @@ impl Gain for Circles {
     }
 }
 
-/// What happens at an angle of a sweep, in the order in which it happens where angles are equal:
-/// disks are closed, exclusions open.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Event {
-    angle_rad: f64,
-    /// Change of the number of exclusion disks entered.
-    barred: i32,
+/// What a sweep knows of the point it is at, and how that changes at an angle.
+#[derive(Clone, Copy, Debug)]
+struct Sum {
     weight: f64,
+    /// Exclusion disks that hold the point.
+    barred: i32,
     name: u64,
+}
+
+impl Sum {
+    fn plus(self, change: Self) -> Self {
+        Self {
+            weight: self.weight + change.weight,
+            barred: self.barred + change.barred,
+            name: self.name.wrapping_add(change.name),
+        }
+    }
+
+    fn negative(self) -> Self {
+        Self { weight: -self.weight, barred: -self.barred, name: self.name.wrapping_neg() }
+    }
+
+    /// Whether a change is for the better.
+    fn raises(self) -> bool {
+        self.weight > 0.0 || self.barred < 0
+    }
 }
 
 /// Sweeps along circles inside one node.
@@ -210,7 +227,10 @@ struct Sweep<'a> {
     node: &'a Node,
     shores: &'a [V2],
     shore_m: f64,
-    events: Vec<Event>,
+    /// The sum at the start of the sweep.
+    now: Sum,
+    /// Changes by angle from the start.
+    events: Vec<(f64, Sum)>,
 }
 
 impl Sweep<'_> {
@@ -219,62 +239,62 @@ impl Sweep<'_> {
         let Some(inside) = Arc::of(hub, radius_m, self.node.at, self.node.rho_m()) else { return };
         let (start_rad, length_rad) = (inside.middle_rad - inside.half_rad, 2.0 * inside.half_rad);
         self.events.clear();
-        let events = &mut self.events;
-        let mut mark = |arc: Arc, weight: f64, barred: i32, name: u64| {
-            if arc.is_whole() {
-                events.push(Event { angle_rad: 0.0, barred, weight, name });
-                return;
-            }
-            let enters = (arc.middle_rad - arc.half_rad - start_rad).rem_euclid(TAU);
-            let leaves = enters + 2.0 * arc.half_rad;
-            // Angles run over [0, length]; an arc may also come round again from below 0.
-            for (from, to) in [(enters, leaves), (enters - TAU, leaves - TAU)] {
-                if from <= length_rad && to >= 0.0 {
-                    events.push(Event { angle_rad: from.max(0.0), barred, weight, name });
-                    if to < length_rad {
-                        let name = name.wrapping_neg();
-                        events.push(Event { angle_rad: to, barred: -barred, weight: -weight, name });
-                    }
-                }
-            }
-        };
+        self.now = Sum { weight: self.node.certain, barred: 0, name: self.node.certain_name };
         for &user in &self.node.open {
             let u = user as usize;
             if let Some(arc) = Arc::of(hub, radius_m, self.circles.positions_m[u], self.circles.radii_m[u]) {
-                mark(arc, self.circles.weights[u], 0, user_name(user));
+                let change = Sum { weight: self.circles.weights[u], barred: 0, name: user_name(user) };
+                self.mark(arc, start_rad, length_rad, change);
             }
         }
         for &shore in self.shores.iter().filter(|&&s| s != hub) {
             // The other shores bar a little less than their circle, so that their crossings stay open.
             let barred_m = self.shore_m - 0.5 * KeepOut::CLEARANCE_M;
             if let Some(arc) = Arc::of(hub, radius_m, shore, barred_m) {
-                mark(arc, 0.0, 1, 0);
+                self.mark(arc, start_rad, length_rad, Sum { weight: 0.0, barred: 1, name: 0 });
             }
         }
-        // Before a sum is read, everything that raises it at that angle has happened.
-        self.events.sort_unstable_by(|a, b| {
-            let rank = |e: &Event| e.weight < 0.0 || e.barred > 0;
-            a.angle_rad.total_cmp(&b.angle_rad).then(rank(a).cmp(&rank(b))).then(a.name.cmp(&b.name))
+        // Disks are closed and exclusions open: before a sum is read, all that raises it there has happened.
+        self.events.sort_unstable_by(|(a, x), (b, y)| {
+            a.total_cmp(b).then(y.raises().cmp(&x.raises())).then(x.name.cmp(&y.name))
         });
-        let (mut depth, mut barred, mut name) = (self.node.certain, 0, self.node.certain_name);
-        let mut offer = |depth: f64, name: u64, from: f64, to: f64| {
-            let angle_rad = start_rad + 0.5 * (from + to);
-            best.offer(depth, name, hub + V2::new(angle_rad.cos(), angle_rad.sin()) * radius_m);
-        };
-        let first_rad = self.events.first().map_or(length_rad, |e| e.angle_rad);
-        if first_rad > 0.0 && depth > 0.0 {
-            offer(depth, name, 0.0, first_rad);
-        }
-        for (i, event) in self.events.iter().enumerate() {
-            depth += event.weight;
-            barred += event.barred;
-            name = name.wrapping_add(event.name);
-            let next = self.events.get(i + 1);
-            let raises_next =
-                next.is_some_and(|n| n.angle_rad <= event.angle_rad && n.weight >= 0.0 && n.barred <= 0);
-            if barred == 0 && !raises_next && depth > 0.0 {
-                offer(depth, name, event.angle_rad, next.map_or(length_rad, |n| n.angle_rad));
+        let mut offer = |now: Sum, from: f64, to: f64| {
+            if now.barred == 0 && now.weight > 0.0 {
+                let angle_rad = start_rad + 0.5 * (from + to);
+                best.offer(now.weight, now.name, hub + V2::new(angle_rad.cos(), angle_rad.sin()) * radius_m);
             }
+        };
+        let angle_after = |i: usize| self.events.get(i).map_or(length_rad, |e| e.0);
+        let mut now = self.now;
+        offer(now, 0.0, angle_after(0));
+        for (i, &(angle_rad, change)) in self.events.iter().enumerate() {
+            now = now.plus(change);
+            // Between the angles only a rise can make a new maximum.
+            if change.raises() {
+                offer(now, angle_rad, angle_after(i + 1));
+            }
+        }
+    }
+
+    /// Enters an arc into the sweep over the angles 0 to `length_rad` from `start_rad`.
+    fn mark(&mut self, arc: Arc, start_rad: f64, length_rad: f64, change: Sum) {
+        let enters = (arc.middle_rad - arc.half_rad - start_rad).rem_euclid(TAU);
+        let leaves = enters + 2.0 * arc.half_rad;
+        if arc.is_whole() || leaves >= TAU {
+            // It holds the start. An arc that comes round may end after it and begin again before the end.
+            self.now = self.now.plus(change);
+            if arc.is_whole() {
+                return;
+            }
+            if leaves - TAU < length_rad {
+                self.events.push((leaves - TAU, change.negative()));
+            }
+        }
+        if enters <= length_rad {
+            self.events.push((enters, change));
+        }
+        if leaves < length_rad {
+            self.events.push((leaves, change.negative()));
         }
     }
 }

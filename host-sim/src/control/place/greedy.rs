@@ -19,7 +19,7 @@ pub(super) trait Step {
 }
 
 /// Places a fleet by Algorithm 2, every step solved exactly (for [`Objective::Expected`]: to
-/// [`super::expected::GAP_USERS`], then improved jointly, see [`super::expected`]).
+/// [`super::expected::GAP_USERS`]).
 ///
 /// Among equals, a step takes more weight, then the larger margin, then the smaller east and north
 /// coordinate. Deterministic.
@@ -43,8 +43,7 @@ pub fn place(objective: Objective<'_>, fleet: Fleet) -> Result<Placement, PlaceE
         }
         Objective::Expected { users, radius_m } => {
             let Some(mut chances) = Chances::new(users, radius_m) else { return Ok(none(fleet)) };
-            let placement = greedy(&mut chances, fleet);
-            Ok(chances.improved(placement, fleet))
+            Ok(greedy(&mut chances, fleet))
         }
     }
 }
