@@ -33,7 +33,7 @@ const SCRIPTS: [&str; 13] = [
 /// Renders a flown mission as one self-contained HTML page.
 ///
 /// `summary` is the object `skyroost mission --json` prints; whatever it lacks shows as a dash. An
-/// array `acceptance` in it, of objects `{"name","found","limit","passed"}`, is listed with the results
+/// array `limits` in it, of objects `{"name","value","limit","ok"}`, is listed with the results
 /// and decides the page's verdict together with coverage and separation.
 ///
 /// Positions are rounded to a centimetre, tracks thinned to within 0.35 m on each axis. The phase

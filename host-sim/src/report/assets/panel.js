@@ -96,22 +96,22 @@ function resultCard({ name, value, of, note, passed }) {
 function buildPanel() {
   const results = keyResults();
   byId("results").append(...results.map(resultCard));
-  const limits = Array.isArray(data.summary.acceptance) ? data.summary.acceptance : [];
+  const limits = Array.isArray(data.summary.limits) ? data.summary.limits : [];
   byId("acceptance").hidden = limits.length === 0;
   byId("acceptance-list").append(...limits.map(limitRow));
-  buildMasthead([...results, ...limits]);
+  buildMasthead([...results, ...limits.map(({ ok }) => ({ passed: ok }))]);
   buildPlacements();
   buildEvents();
   buildAbout();
 }
 
-function limitRow({ name, found, limit, passed }) {
+function limitRow({ name, value, limit, ok }) {
   const show = (x) => (isNumber(x) ? String(Number(x.toPrecision(5))) : String(x ?? DASH));
   return element(
     "div", { className: "limit" },
     element("span", {}, String(name)),
-    element("span", {}, `${show(found)} (limit ${show(limit)})`),
-    verdictMark(passed),
+    element("span", {}, `${show(value)} (limit ${show(limit)})`),
+    verdictMark(ok),
   );
 }
 
