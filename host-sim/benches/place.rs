@@ -29,8 +29,10 @@ fn placement(c: &mut Criterion) {
         let fleet = Fleet { drones, min_separation_m: 15.0 };
         let disks: Vec<PlaceUser> =
             positions_m.iter().map(|&pos_m| PlaceUser { pos_m, radius_m: 491.4, weight: 1.0 }).collect();
-        let beliefs: Vec<UserBelief> =
-            positions_m.iter().map(|&pos_m| UserBelief { pos_m, cov_m2: Matrix2::identity() * 12.25 }).collect();
+        let beliefs: Vec<UserBelief> = positions_m
+            .iter()
+            .map(|&pos_m| UserBelief { pos_m, cov_m2: Matrix2::identity() * 12.25 })
+            .collect();
         let name = format!("{users}_users_{drones}_drones");
         group.bench_function(BenchmarkId::new("guaranteed", &name), |b| {
             b.iter(|| place(Objective::Guaranteed(black_box(&disks)), fleet));
@@ -47,7 +49,9 @@ fn assignment(c: &mut Criterion) {
     for drones in [6, 60, 600] {
         let (from_m, to_m) = (scatter(drones, 10_000.0, 2), scatter(drones, 10_000.0, 3));
         group.sample_size(if drones > 100 { 10 } else { 50 });
-        group.bench_function(BenchmarkId::from_parameter(drones), |b| b.iter(|| assign(black_box(&from_m), &to_m)));
+        group.bench_function(BenchmarkId::from_parameter(drones), |b| {
+            b.iter(|| assign(black_box(&from_m), &to_m))
+        });
     }
     group.finish();
 }
@@ -60,7 +64,9 @@ fn relay(c: &mut Criterion) {
         let positions_m: Vec<V3> =
             scatter(drones as usize, side_m, 4).iter().map(|p| V3::new(p.x, p.y, 300.0)).collect();
         let mut relay = Relay::new(32);
-        group.bench_function(BenchmarkId::from_parameter(drones), |b| b.iter(|| relay.update(black_box(&positions_m))));
+        group.bench_function(BenchmarkId::from_parameter(drones), |b| {
+            b.iter(|| relay.update(black_box(&positions_m)))
+        });
     }
     group.finish();
 }

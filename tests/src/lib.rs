@@ -1,5 +1,6 @@
 //! What the whole-mission tests in `tests/tests/` share.
 #![forbid(unsafe_code)]
 
+pub mod mission;
 pub mod report_check;
 pub mod webdriver;

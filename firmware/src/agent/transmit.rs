@@ -5,7 +5,7 @@ use crate::{counters::Counters, io::Outputs, supervisor::Condition};
 use heapless::Vec;
 use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
-    codec::{Frame, Sender},
+    codec::{Body, Frame, MAX_FRAME, Sender},
     message::{
         Attached, AttachedUser, CaptureEntry, EventCode, FlightPhase, MAX_CAPTURES_PER_FRAME,
         MAX_TDOA_PER_FRAME, Peer, SharedState, TdoaEntry, Telemetry, Up,
@@ -43,11 +43,11 @@ impl Transmitter {
 
     /// Sends `message` to the control center.
     pub(super) fn up(&mut self, message: &Up, outputs: &mut Outputs, counters: &mut Counters) {
-        push(self.uplink.up(message).ok(), &mut outputs.uplink, counters);
+        push(&mut self.uplink, message, &mut outputs.uplink, counters);
     }
 
     fn tell_mates(&mut self, message: &Peer, outputs: &mut Outputs, counters: &mut Counters) {
-        push(self.peer.peer(message).ok(), &mut outputs.peer, counters);
+        push(&mut self.peer, message, &mut outputs.peer, counters);
     }
 
     pub(super) fn event(
@@ -86,8 +86,21 @@ impl Transmitter {
     }
 }
 
-fn push<const N: usize>(frame: Option<Frame>, out: &mut Vec<Frame, N>, counters: &mut Counters) {
-    if frame.is_none_or(|frame| out.push(frame).is_err()) {
+/// Encodes the next frame in its place among the outputs: frames are long to move.
+fn push<B: Body, const N: usize>(
+    sender: &mut Sender,
+    message: &B,
+    out: &mut Vec<Frame, N>,
+    counters: &mut Counters,
+) {
+    let encoded = out.push(Frame::new()).is_ok()
+        && out.last_mut().is_some_and(|frame| {
+            let length =
+                frame.resize_default(MAX_FRAME).ok().and_then(|()| sender.encode_into(message, frame).ok());
+            frame.truncate(length.unwrap_or_default());
+            length.is_some()
+        });
+    if !encoded {
         Counters::count(&mut counters.frames_overflowed);
     }
 }

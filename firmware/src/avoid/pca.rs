@@ -57,14 +57,7 @@ pub fn approach(a: &Mover, b: &Mover) -> Option<Approach> {
 /// Emits the half-planes of velocities that keep A `d_plan_m` away from B.
 pub fn rows(a: &Mover, b: &Mover, d_plan_m: f32, mut emit: impl FnMut(HalfPlane)) {
     let l = a.pos_enu_m - b.pos_enu_m;
-    let distance_squared = l.norm_squared();
-    let speeds = libm::sqrtf(a.vel_enu_mps.norm_squared()) + libm::sqrtf(b.vel_enu_mps.norm_squared());
-    // Whatever either does within the horizon, they cannot come near: most neighbours end here.
-    let reach_m = d_plan_m + HORIZON_S * (speeds + 4.0);
-    if distance_squared > reach_m * reach_m {
-        return;
-    }
-    let distance = libm::sqrtf(distance_squared);
+    let distance = l.norm();
     // Two drones at one point have no direction to part; east is as good as any.
     let away = if distance > 1e-3 { l / distance } else { Vec3::x() };
     emit(braking(&away, distance, b, d_plan_m));

@@ -39,6 +39,8 @@ pub struct Zigzag {
     speed_mps: f32,
     accel_mps2: f32,
     leg: usize,
+    /// The track at `phase_um`, once it was looked up.
+    here: Option<TrackPoint>,
     mates: Vec<MatePhase, 2>,
 }
 
@@ -75,8 +77,10 @@ impl Zigzag {
     /// Runs the phase on by one step and returns the track there; `error_m` is this drone's distance
     /// from its slot. None without lanes.
     pub fn advance(&mut self, now: TimePs, lanes: &Lanes, error_m: f32) -> Option<TrackPoint> {
-        self.leg = lanes.leg_at(self.phase_um, self.leg);
-        let here = lanes.at(self.phase_um, self.leg)?;
+        let here = match self.here {
+            Some(here) => here,
+            None => self.look_up(lanes)?,
+        };
         let mut worst_error_m = error_m;
         let (mut ahead_um, mut heard) = (0i64, 0i64);
         for mate in &self.mates {
@@ -100,8 +104,13 @@ impl Zigzag {
         self.speed_mps = wanted.clamp((before - 2.0 * most).max(0.0), before + most);
         self.accel_mps2 = (self.speed_mps - before) / STEP_S;
         self.phase_um = (self.phase_um + (self.speed_mps * (STEP_S * 1e6)) as i64).min(lanes.length_um());
+        self.look_up(lanes)
+    }
+
+    fn look_up(&mut self, lanes: &Lanes) -> Option<TrackPoint> {
         self.leg = lanes.leg_at(self.phase_um, self.leg);
-        lanes.at(self.phase_um, self.leg)
+        self.here = lanes.at(self.phase_um, self.leg);
+        self.here
     }
 
     /// Whether the end of the lanes is reached.

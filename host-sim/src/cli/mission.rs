@@ -29,7 +29,7 @@ Examples:
       The same with more users and other random choices.
   skyroost mission --area town.geojson --users people.csv --drones 9
       A real area and known users.
-  skyroost mission river-town.toml --json | jq .localization
+  skyroost mission dresden-elbe.toml --json | jq .localization
       A scenario file, results for a script.
 
 Result files: report.html (map and replay), summary.json (the figures), users.csv, trajectory.csv

@@ -26,7 +26,7 @@ use island::{Island, Surroundings};
 use rayon::prelude::*;
 use setup::Setup;
 use skyroost_firmware::{STEP_US, agent::FlightAgent};
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::units::{DroneId, TimePs};
 use std::{
     collections::BTreeSet,
     sync::atomic::Ordering,
@@ -75,10 +75,38 @@ struct Flight {
     phases: Vec<PhaseRecord>,
     /// Positions of all drones by id, at the end of each step of the window.
     window_m: Vec<Vec<V3>>,
+    outbox: Outbox,
+    /// Island and place in it of each drone, by id.
+    place_of: Vec<(usize, usize)>,
     shares: Shares,
 }
 
-/// Where the wall-clock time of a flight went.
+/// Frames of the control center to be put on the links.
+#[derive(Default)]
+struct Outbox {
+    bytes: Vec<u8>,
+    /// Receiver and end in `bytes` of each frame.
+    ends: Vec<(DroneId, usize)>,
+}
+
+impl Outbox {
+    fn push(&mut self, to: DroneId, frame: &[u8]) {
+        self.bytes.extend_from_slice(frame);
+        self.ends.push((to, self.bytes.len()));
+    }
+
+    fn frames(&self) -> impl Iterator<Item = (DroneId, &[u8])> {
+        let starts = std::iter::once(0).chain(self.ends.iter().map(|(_, end)| *end));
+        self.ends.iter().zip(starts).map(|((to, end), start)| (*to, &self.bytes[start..*end]))
+    }
+
+    fn clear(&mut self) {
+        self.bytes.clear();
+        self.ends.clear();
+    }
+}
+
+/// Where the wall-clock time of a flight went, sampled: reading the clock costs a tenth of a window.
 #[derive(Clone, Copy, Debug, Default)]
 struct Shares {
     control: Duration,
@@ -86,10 +114,33 @@ struct Shares {
     watch: Duration,
 }
 
+/// One window in so many is timed; odd, so that it takes turns with what happens every so many windows.
+const TIMED_WINDOW: u64 = 17;
+
+impl Shares {
+    fn clock(&self, step: u64) -> Option<Instant> {
+        (step / WINDOW_STEPS).is_multiple_of(TIMED_WINDOW).then(Instant::now)
+    }
+
+    fn add(&mut self, controlled: Option<Duration>, flown: Option<Duration>, watched: Option<Duration>) {
+        if let (Some(controlled), Some(flown), Some(watched)) = (controlled, flown, watched) {
+            self.control += controlled;
+            self.islands += flown - controlled;
+            self.watch += watched - flown;
+        }
+    }
+}
+
 impl Flight {
     fn new(input: &MissionInput, setup: &Setup) -> Self {
         let scenario = &input.scenario;
         let islands = setup::islands(scenario, &setup.plan);
+        let mut place_of = vec![(0, 0); setup.plan.drones.len()];
+        for (index, island) in islands.iter().enumerate() {
+            for (member, drone) in island.drones.iter().enumerate() {
+                place_of[usize::from(drone.id.0) - 1] = (index, member);
+            }
+        }
         let pads_m = setup::pads_m(&setup.plan);
         let tracks = setup.plan.drones.iter().map(|d| DroneRecord {
             id: d.id.0,
@@ -106,6 +157,8 @@ impl Flight {
             tracks: tracks.collect(),
             phases: Vec::new(),
             window_m: vec![pads_m; WINDOW_STEPS as usize],
+            outbox: Outbox::default(),
+            place_of,
             shares: Shares::default(),
         }
     }
@@ -122,19 +175,17 @@ impl Flight {
         self.note_phase();
         self.record_tracks();
         while self.now_s() < cut_off_s {
-            let before = Instant::now();
+            let clock = self.shares.clock(self.step);
             let stage = self.control.stage();
             self.run_control()?;
             if self.control.stage() != stage {
                 self.note_phase();
             }
-            let controlled = Instant::now();
+            let controlled = clock.map(|clock| clock.elapsed());
             self.run_islands()?;
-            let flown = Instant::now();
+            let flown = clock.map(|clock| clock.elapsed());
             self.watch();
-            self.shares.control += controlled - before;
-            self.shares.islands += flown - controlled;
-            self.shares.watch += flown.elapsed();
+            self.shares.add(controlled, flown, clock.map(|clock| clock.elapsed()));
             if self.step.is_multiple_of(50) {
                 self.record_tracks();
                 let fraction = (self.now_s() / expected_s).min(0.99);
@@ -164,22 +215,18 @@ impl Flight {
 
     fn run_control(&mut self) -> Result<(), MissionError> {
         let now_us = self.step * STEP_US as u64;
-        let Self { control, islands, .. } = self;
-        // Frames for a drone go to its downlink; ids are dense, but islands hold them in any order.
-        let mut outbox: Vec<(u16, Vec<u8>)> = Vec::new();
-        let mut send =
-            |to: skyroost_protocol::units::DroneId, frame: &[u8]| outbox.push((to.0, frame.to_vec()));
+        let Self { control, islands, outbox, place_of, .. } = self;
         for drone in islands.iter_mut().flat_map(|island| &mut island.drones) {
             while let Some(bytes) = drone.uplink.poll(now_us) {
-                control.receive(drone.id, bytes, &mut send)?;
+                control.receive(drone.id, bytes, &mut |to, frame| outbox.push(to, frame))?;
             }
         }
-        control.step(TimePs::from_us(now_us as i64), &mut send)?;
-        for drone in islands.iter_mut().flat_map(|island| &mut island.drones) {
-            for (_, frame) in outbox.iter().filter(|(to, _)| *to == drone.id.0) {
-                drone.downlink.send(now_us, frame);
-            }
+        control.step(TimePs::from_us(now_us as i64), &mut |to, frame| outbox.push(to, frame))?;
+        for (to, frame) in outbox.frames() {
+            let (island, member) = place_of[usize::from(to.0) - 1];
+            islands[island].drones[member].downlink.send(now_us, frame);
         }
+        outbox.clear();
         Ok(())
     }
 

@@ -1,0 +1,129 @@
+//! Whole missions, flown by the optimised command: what the paper's scenario promises holds for other
+//! seeds, densities, fleets, areas and links as well.
+
+use serde_json::Value;
+use skyroost_tests::mission::{Flown, fly};
+use std::{fs, path::Path};
+
+#[test]
+fn the_paper_scenario() {
+    let flown = fly(&[]);
+    flown.assert_accepted();
+    assert_eq!(flown.code, 0, "{}", flown.json["limits"]);
+    // Table 3: 100 minutes of mission time for the sweep.
+    assert!(flown.number("/sweep/duration_s") <= 6_000.0);
+    for name in ["report.html", "summary.json", "users.csv", "trajectory.csv", "recording.json"] {
+        let path = flown.out.path().join("out").join(name);
+        assert!(fs::metadata(&path).is_ok_and(|m| m.len() > 1_000), "{name} is missing or empty");
+    }
+    let summary = fs::read(flown.out.path().join("out").join("summary.json")).unwrap();
+    assert_eq!(summary, flown.bytes, "summary.json is what --json prints");
+}
+
+#[test]
+fn another_run_is_the_same_run_for_any_number_of_threads() {
+    let timeless = |flown: &Flown| {
+        let mut json = flown.json.clone();
+        json["timing"] = Value::Null;
+        json
+    };
+    // Short of the whole mission, as a difference shows at once; with losses, as they draw on chance.
+    let words = ["--duration-s", "900", "--loss-fraction", "0.1", "--drones", "27"];
+    let with = |more: &[&str]| fly(&[&words[..], more].concat());
+    let first = with(&["--threads", "1"]);
+    for again in [with(&["--threads", "1"]), with(&["--threads", "2"]), with(&["--threads", "5"])] {
+        assert_eq!(timeless(&first), timeless(&again));
+        let track = |flown: &Flown| fs::read(flown.out.path().join("out/trajectory.csv")).unwrap();
+        assert_eq!(track(&first), track(&again));
+    }
+    let other = with(&["--seed", "2"]);
+    assert_ne!(first.json["digest"], other.json["digest"], "another seed is another flight");
+}
+
+#[test]
+fn other_seeds() {
+    for seed in ["2", "3", "4", "5", "6"] {
+        fly(&["--seed", seed]).assert_accepted();
+    }
+}
+
+#[test]
+fn sparse_users() {
+    fly(&["--density-per-km2", "1"]).assert_accepted();
+}
+
+#[test]
+fn dense_users() {
+    fly(&["--density-per-km2", "50"]).assert_accepted();
+}
+
+#[test]
+fn one_fleet() {
+    fly(&["--drones", "3"]).assert_accepted();
+}
+
+#[test]
+fn a_reserve_joins_in_stage_two() {
+    let flown = fly(&["--drones", "7"]);
+    flown.assert_accepted();
+    assert_eq!(flown.json["fleets"], 2);
+    assert_eq!(flown.json["placement"]["drones"].as_array().map(Vec::len), Some(7));
+}
+
+#[test]
+fn four_fleets() {
+    fly(&["--drones", "12"]).assert_accepted();
+}
+
+#[test]
+fn a_link_that_loses_a_tenth_of_its_frames() {
+    let flown = fly(&["--loss-fraction", "0.1"]);
+    flown.assert_accepted();
+    let lost = flown.number("/link/lost") / flown.number("/link/frames");
+    assert!((lost - 0.1).abs() < 0.01, "{lost} of the frames were lost");
+}
+
+/// Writes the corners of a local area.
+fn area(name: &str, corners_m: impl IntoIterator<Item = (f64, f64)>) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let rows: Vec<String> = corners_m.into_iter().map(|(x, y)| format!("{x},{y}")).collect();
+    fs::write(dir.path().join(name), format!("x_m,y_m\n{}\n", rows.join("\n"))).unwrap();
+    dir
+}
+
+fn fly_over(dir: &Path, name: &str) -> Flown {
+    let flown = fly(&["--area", dir.join(name).to_str().unwrap()]);
+    flown.assert_accepted();
+    flown
+}
+
+#[test]
+fn a_triangle() {
+    let dir = area("triangle.csv", [(0.0, 0.0), (9_000.0, 1_500.0), (3_000.0, 8_000.0)]);
+    fly_over(dir.path(), "triangle.csv");
+}
+
+#[test]
+fn a_twelve_sided_area() {
+    let corner = |k: u32| {
+        let angle = f64::from(k) * std::f64::consts::TAU / 12.0;
+        (5_000.0 + 4_500.0 * angle.cos(), 5_000.0 + 4_500.0 * angle.sin())
+    };
+    let dir = area("twelve.csv", (0..12).map(corner));
+    fly_over(dir.path(), "twelve.csv");
+}
+
+#[test]
+fn fewer_than_three_drones_cannot_sweep() {
+    let (output, out) = skyroost_tests::mission::run(&["--drones", "2"]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(!out.path().join("out").exists(), "nothing is written");
+}
+
+#[test]
+fn a_real_town_from_a_scenario_file() {
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/../host-sim/scenarios/dresden-elbe.toml");
+    let flown = fly(&[scenario]);
+    assert_eq!(flown.code, 0, "{}\nreplay: {}", flown.json["limits"], flown.replay);
+    flown.assert_accepted();
+}
