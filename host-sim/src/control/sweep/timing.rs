@@ -1,6 +1,6 @@
 //! How long a path takes, and where to cut it into shares of equal or given flying time.
 
-use crate::geometry::V2;
+use crate::geometry::{V2, cross};
 
 use super::CornerModel;
 
@@ -17,7 +17,7 @@ pub(super) struct Timing {
     corner_mps: f64,
 }
 
-/// Turns sharper than this (its sine and a bit) count as corners.
+/// Turns sharper than this count as corners.
 const STRAIGHT_ON_RAD: f64 = 1e-6;
 
 impl Timing {
@@ -28,7 +28,21 @@ impl Timing {
 
     /// Flying time of a whole path, seconds.
     pub(super) fn duration_s(&self, path_m: &[V2]) -> f64 {
-        self.segments(path_m).map(|s| self.segment_s(s.length_m, s.corners)).sum()
+        let route = Route::new(path_m);
+        self.between_s(&route, 0.0, route.length_m())
+    }
+
+    /// Flying time of the part between two distances along a route; a corner right at a cut is none.
+    fn between_s(&self, route: &Route, from_m: f64, to_m: f64) -> f64 {
+        let slowed = |(at_m, corner): (f64, bool)| u8::from(corner && from_m < at_m && at_m < to_m);
+        route
+            .vertices
+            .windows(2)
+            .map(|w| {
+                let length_m = w[1].0.min(to_m) - w[0].0.max(from_m);
+                if length_m > 0.0 { self.segment_s(length_m, slowed(w[0]) + slowed(w[1])) } else { 0.0 }
+            })
+            .sum()
     }
 
     /// Seconds for a straight segment with a corner at none, one or both of its ends.
@@ -57,18 +71,19 @@ impl Timing {
     /// time is found by bisection: a longer unit makes all parts reach farther. The parts together never
     /// take longer than the whole, because a cut can only save a corner.
     pub(super) fn cuts_m(&self, path_m: &[V2], proportions: &[f64]) -> Vec<f64> {
+        let route = Route::new(path_m);
+        let length_m = route.length_m();
         let ends = |unit_s: f64| -> Vec<f64> {
             let mut at_m = 0.0;
             proportions
                 .iter()
                 .map(|p| {
-                    at_m = self.reach_m(path_m, at_m, p * unit_s);
+                    at_m = self.reach_m(&route, at_m, p * unit_s);
                     at_m
                 })
                 .collect()
         };
-        let length_m = length_m(path_m);
-        let (mut low_s, mut high_s) = (0.0, self.duration_s(path_m));
+        let (mut low_s, mut high_s) = (0.0, self.between_s(&route, 0.0, length_m));
         while high_s - low_s > 1e-9 * high_s {
             let middle_s = (low_s + high_s) / 2.0;
             if ends(middle_s).last().is_some_and(|&end_m| end_m >= length_m) {
@@ -84,17 +99,16 @@ impl Timing {
         found
     }
 
-    /// How far along the path one gets from `from_m` in the given time.
-    fn reach_m(&self, path_m: &[V2], from_m: f64, time_s: f64) -> f64 {
-        let end_m = length_m(path_m);
-        let spent_s = |to_m: f64| self.duration_s(&part(path_m, from_m, to_m));
-        if spent_s(end_m) <= time_s {
+    /// How far along a route one gets from `from_m` in the given time.
+    fn reach_m(&self, route: &Route, from_m: f64, time_s: f64) -> f64 {
+        let end_m = route.length_m();
+        if self.between_s(route, from_m, end_m) <= time_s {
             return end_m;
         }
         let (mut low_m, mut high_m) = (from_m, end_m);
         while high_m - low_m > 1e-11 * end_m {
             let middle_m = (low_m + high_m) / 2.0;
-            if spent_s(middle_m) <= time_s {
+            if self.between_s(route, from_m, middle_m) <= time_s {
                 low_m = middle_m;
             } else {
                 high_m = middle_m;
@@ -102,27 +116,36 @@ impl Timing {
         }
         low_m
     }
+}
 
-    fn segments(&self, path_m: &[V2]) -> impl Iterator<Item = Segment> {
-        let corner: Vec<bool> = (0..path_m.len())
-            .map(|i| i > 0 && i + 1 < path_m.len() && is_corner(path_m[i - 1], path_m[i], path_m[i + 1]))
+/// A path as far as its timing goes: for each vertex the distance along the path, and whether it is a corner.
+struct Route {
+    vertices: Vec<(f64, bool)>,
+}
+
+impl Route {
+    fn new(path_m: &[V2]) -> Self {
+        let mut at_m = 0.0;
+        let vertices = (0..path_m.len())
+            .map(|i| {
+                if i > 0 {
+                    at_m += (path_m[i] - path_m[i - 1]).norm();
+                }
+                let inner = i > 0 && i + 1 < path_m.len();
+                (at_m, inner && is_corner(path_m[i] - path_m[i - 1], path_m[i + 1] - path_m[i]))
+            })
             .collect();
-        let lengths: Vec<f64> = path_m.windows(2).map(|w| (w[1] - w[0]).norm()).collect();
-        lengths.into_iter().enumerate().map(move |(i, length_m)| Segment {
-            length_m,
-            corners: u8::from(corner[i]) + u8::from(corner[i + 1]),
-        })
+        Self { vertices }
+    }
+
+    fn length_m(&self) -> f64 {
+        self.vertices.last().map_or(0.0, |v| v.0)
     }
 }
 
-struct Segment {
-    length_m: f64,
-    corners: u8,
-}
-
-fn is_corner(a: V2, b: V2, c: V2) -> bool {
-    let (u, v) = (b - a, c - b);
-    u.norm() > 0.0 && v.norm() > 0.0 && u.angle(&v) > STRAIGHT_ON_RAD
+fn is_corner(before: V2, after: V2) -> bool {
+    let turned = cross(before, after).abs() > STRAIGHT_ON_RAD * before.norm() * after.norm();
+    turned || before.dot(&after) < 0.0
 }
 
 /// Length of a path, metres.

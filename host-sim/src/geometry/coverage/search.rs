@@ -15,13 +15,13 @@ const OPEN_AT: f64 = 0.125;
 
 /// Straight runs that the kernel takes on at once in a cell that might still be divided: its cost grows
 /// with the square of their number.
-const KERNEL_STADIUMS: usize = 6;
+const KERNEL_STADIUMS: usize = 12;
 
 /// Runs that a cell opened up to single legs may hold before it is divided instead.
 const OPENED_NODES: usize = 48;
 
 /// How many of the deepest candidates the others are compared with.
-const DOMINATORS: usize = 8;
+const DOMINATORS: usize = 16;
 
 /// Cells smaller than this share of the largest radius are opened up to single legs ...
 const FINE_CELL: f64 = 1.0 / 64.0;

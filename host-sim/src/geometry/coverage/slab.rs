@@ -220,18 +220,17 @@ fn join(
 }
 
 fn draw(points: &mut Vec<V2>, curve: &Curve, low: f64, high: f64) {
-    let chords = match curve.shape {
-        Shape::Line { .. } => 1,
-        // A chord of length l strays by l^2 / (8 r).
-        Shape::Arc { radius_m, .. } => {
-            let length_m = V2::new(curve.x(high) - curve.x(low), high - low).norm();
-            (length_m / (8.0 * radius_m * DRAWING_TOLERANCE_M).sqrt()).ceil().max(1.0) as usize
-        }
-    };
-    for k in 1..=chords {
-        let y = low + (high - low) * k as f64 / chords as f64;
-        points.push(V2::new(curve.x(y), y));
+    if let Shape::Arc { centre, radius_m, side } = curve.shape {
+        let angle = |y: f64| ((y - centre.y) / radius_m).clamp(-1.0, 1.0).asin();
+        let (from, to) = (angle(low), angle(high));
+        // A chord over the angle a strays by r a^2 / 8.
+        let chords = ((to - from) / (8.0 * DRAWING_TOLERANCE_M / radius_m).sqrt()).ceil();
+        points.extend((1..chords as usize).map(|k| {
+            let t = from + (to - from) * k as f64 / chords;
+            centre + V2::new(side * t.cos(), t.sin()) * radius_m
+        }));
     }
+    points.push(V2::new(curve.x(high), high));
 }
 
 impl Piece {

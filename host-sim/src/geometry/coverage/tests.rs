@@ -168,6 +168,44 @@ fn truth_a_polygon_that_is_not_convex() {
     assert!((found.uncovered_area_m2 - scanned_m2(&polygon, &stadiums, 9000)).abs() < 5.0);
 }
 
+/// Legs, sway (metres), uncovered area (square metres): printed by `truth_coverage.py`.
+const GEOS: [(u32, f64, f64); 5] = [
+    (20, 0.0, 5514812.3495),
+    (60, 0.0, 5173087.3810),
+    (120, 0.0, 4277483.2959),
+    (120, 7.0, 4276894.4396),
+    (240, 15.0, 1172867.1266),
+];
+
+/// The track of `truth_coverage.py`.
+fn spiral(legs: u32, sway_m: f64) -> Vec<Stadium> {
+    let point = |i: u32| {
+        let t = f64::from(i);
+        let (r, a) = (80.0 + 5.0 * t, 0.21 * t);
+        V2::new(
+            1400.0 + r * a.cos() + sway_m * (2.7 * t).sin(),
+            1200.0 + 0.8 * r * a.sin() + sway_m * (1.9 * t).cos(),
+        )
+    };
+    (0..legs)
+        .map(|i| Stadium {
+            a: point(i),
+            b: point(i + 1),
+            radius_m: 120.0 + 20.0 * (0.7 * f64::from(i)).sin(),
+        })
+        .collect()
+}
+
+#[test]
+fn truth_agrees_with_geos() {
+    let corners = [[100.0, 0.0], [2700.0, 150.0], [2950.0, 1700.0], [1500.0, 2450.0], [50.0, 1900.0]];
+    let polygon = Polygon::new(&corners.map(|[x, y]| V2::new(x, y))).unwrap();
+    for (legs, sway_m, truth_m2) in GEOS {
+        let found = covered(&polygon, &spiral(legs, sway_m));
+        assert!((found.uncovered_area_m2 - truth_m2).abs() < 1e-7 * polygon.area_m2(), "{legs} {sway_m}");
+    }
+}
+
 /// A wandering track with a radius that varies.
 fn wandering() -> impl Strategy<Value = Vec<(V2, f64)>> {
     let point = (0.0..3000.0f64, 0.0..2500.0f64, 150.0..400.0f64);
@@ -197,15 +235,16 @@ fn swaying(points: &[(V2, f64)], sway_m: f64) -> Vec<(V2, f64)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(60))]
+    #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
     fn truth_agrees_with_a_fine_scan(points in wandering()) {
         let polygon = rectangle(3000.0, 2500.0).moved(|p| turned(p - V2::new(1500.0, 1250.0), 0.4) + V2::new(1500.0, 1250.0));
         let stadiums = legs(&points);
         let found = covered(&polygon, &stadiums);
-        let truth_m2 = scanned_m2(&polygon, &stadiums, 4000);
-        prop_assert!((found.uncovered_area_m2 - truth_m2).abs() < 20.0, "{} {}", found.uncovered_area_m2, truth_m2);
+        let truth_m2 = scanned_m2(&polygon, &stadiums, 1500);
+        // A side along the scan lines may be missed by half a step (2.3 m) over its length.
+        prop_assert!((found.uncovered_area_m2 - truth_m2).abs() < 4000.0, "{} {}", found.uncovered_area_m2, truth_m2);
         prop_assert!((residue_m2(&found) - found.uncovered_area_m2).abs() < 1e-4 * polygon.area_m2());
     }
 
