@@ -188,7 +188,7 @@ mod tests {
 
     fn zigzag(lanes: usize, spacing_m: f64) -> Vec<V2> {
         (0..2 * lanes)
-            .map(|i| V2::new(if (i + 1) / 2 % 2 == 0 { 0.0 } else { 1000.0 }, (i / 2) as f64 * spacing_m))
+            .map(|i| V2::new(if i.div_ceil(2) % 2 == 0 { 0.0 } else { 1000.0 }, (i / 2) as f64 * spacing_m))
             .collect()
     }
 

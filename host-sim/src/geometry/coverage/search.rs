@@ -249,8 +249,9 @@ impl Search {
                 let index = self.candidates[k];
                 let (other_m, other_away, _) =
                     tangent(&self.chain, index, self.chain.node(index).outer_radius_m);
-                // Written so that a NaN (a cell centred on an axis) keeps the candidate.
-                if !(other_m - depth_m >= (other_away - away).norm() * half_m + bend_m) {
+                // A NaN (a cell centred on an axis has no direction away from it) dominates nothing.
+                let dominated = other_m - depth_m >= (other_away - away).norm() * half_m + bend_m;
+                if !dominated {
                     self.candidates[keep] = index;
                     keep += 1;
                 }

@@ -20,7 +20,7 @@ fn track(points: &[V2], radius_m: f64) -> Vec<Stadium> {
 fn lanes(width_m: f64, spacing_m: f64, count: usize) -> Vec<V2> {
     (0..2 * count)
         .map(|i| {
-            V2::new(if (i + 1) / 2 % 2 == 0 { 0.0 } else { width_m }, (0.5 + (i / 2) as f64) * spacing_m)
+            V2::new(if i.div_ceil(2) % 2 == 0 { 0.0 } else { width_m }, (0.5 + (i / 2) as f64) * spacing_m)
         })
         .collect()
 }
@@ -235,7 +235,7 @@ fn swaying(points: &[(V2, f64)], sway_m: f64) -> Vec<(V2, f64)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(40))]
+    #![proptest_config(ProptestConfig::with_cases(30))]
 
     #[test]
     fn truth_agrees_with_a_fine_scan(points in wandering()) {
