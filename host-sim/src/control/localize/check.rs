@@ -16,6 +16,8 @@ const INCONSISTENT_REJECTED: f64 = 0.6;
 const CHI2_SIGMAS: f64 = 6.0;
 /// Half the cost difference that a point at 3 standard deviations has.
 pub(super) const COMPARABLE_COST: f64 = 4.5;
+/// 95 % quantile of a chi-square with two degrees of freedom.
+const CHI2_95: f64 = 5.991;
 /// Occasions of a first look at a mirror point.
 const GLANCE: usize = 16;
 /// Fixes with a smaller r95 are in the linear range (the geometry curves over some 300 m): no profile needed.
@@ -119,6 +121,20 @@ pub(super) fn distinct_m(r95_m: f64) -> f64 {
     (2.0 * r95_m).max(1.0)
 }
 
+/// Ends of the major axis of the 95 % ellipse around `p`.
+pub(super) fn ellipse_ends(p: [f64; 2], cov: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let [major, _] = eigenvalues(cov);
+    let (sin, cos) = (0.5 * f64::atan2(2.0 * cov[0][1], cov[0][0] - cov[1][1])).sin_cos();
+    let reach = (CHI2_95 * major).sqrt();
+    [reach, -reach].map(|reach| [p[0] + reach * cos, p[1] + reach * sin])
+}
+
+/// Whether a rise of the cost at the end of a 95 % ellipse is what a Gaussian has there, half of `CHI2_95`. Beyond
+/// a factor of 2 it is no description of the error.
+pub(super) fn rise_is_parabolic(rise: f64) -> bool {
+    (0.25 * CHI2_95..CHI2_95).contains(&rise)
+}
+
 /// One user with the clocks held.
 struct OneUser<'a> {
     problem: &'a Problem,
@@ -217,17 +233,9 @@ impl<'a> OneUser<'a> {
         far(rival) && self.cost(rival) < self.cost(p) + COMPARABLE_COST
     }
 
-    /// Whether the cost rises by about 3 at both ends of the major axis of the 95 % ellipse, as the covariance
-    /// claims (half of 2.448^2). Beyond a factor of 2.5 the Gaussian is no description of the error.
-    fn profile_is_parabola(&self, p: [f64; 2], cov: Sym2) -> bool {
-        let [xx, xy, yy] = cov;
-        let [major, _] = eigenvalues([[xx, xy], [xy, yy]]);
-        let (sin, cos) = (0.5 * f64::atan2(2.0 * xy, xx - yy)).sin_cos();
-        let reach = (5.991 * major).sqrt();
+    /// Whether the cost rises at both ends of the ellipse as its covariance claims.
+    fn profile_is_parabola(&self, p: [f64; 2], [xx, xy, yy]: Sym2) -> bool {
         let cost = self.cost(p);
-        [1.0, -1.0].into_iter().all(|side| {
-            let rise = self.cost([p[0] + side * reach * cos, p[1] + side * reach * sin]) - cost;
-            (3.0 / 2.5..3.0 * 2.5).contains(&rise)
-        })
+        ellipse_ends(p, [[xx, xy], [xy, yy]]).into_iter().all(|end| rise_is_parabolic(self.cost(end) - cost))
     }
 }

@@ -15,8 +15,9 @@ const TIGHTEST_STEP_NS: f64 = 1e-2;
 /// Prior standard deviations of offsets above this are taken as this: a tenth of a millisecond says nothing, and
 /// a matrix that only the prior keeps definite needs its digits.
 const WIDEST_NS: f64 = 1e5;
-/// Most knots of a group; 12,000 s at 10 s each is 1,200.
-const MOST_INTERVALS: f64 = 4000.0;
+/// Most intervals of a coarse and of a fine grid; 12,000 s at 20 s each are 600. Nor are there ever more than two
+/// per occasion, however far apart these are in time.
+const MOST_INTERVALS: [usize; 2] = [100, 4000];
 
 /// Equally spaced knots over the time of a group; offsets are linear between neighbours.
 #[derive(Clone, Copy, Debug)]
@@ -56,13 +57,13 @@ impl Grid {
         let span_s = (end_s - start_s).max(1e-3);
         // A walk between two knots strays from the straight line by walk * sqrt(step) / 2 in the middle, twice
         // as much in variance for a difference of two clocks.
-        let stray_ns = cfg.sigma_toa_ns
-            * match resolution {
-                Resolution::Coarse => 4.0,
-                Resolution::Fine => 0.063,
-            };
-        let wanted_s = 2.0 * (stray_ns / walk).powi(2);
-        let intervals = (span_s / wanted_s).ceil().clamp(1.0, MOST_INTERVALS) as usize;
+        let (stray_sigmas, most_intervals) = match resolution {
+            Resolution::Coarse => (4.0, MOST_INTERVALS[0]),
+            Resolution::Fine => (0.063, MOST_INTERVALS[1]),
+        };
+        let wanted_s = 2.0 * (stray_sigmas * cfg.sigma_toa_ns / walk).powi(2);
+        let most = most_intervals.min(2 * problem.heard.len()).max(1);
+        let intervals = (span_s / wanted_s).ceil().clamp(1.0, most as f64) as usize;
         let step_s = span_s / intervals as f64;
         Self {
             start_s,

@@ -132,18 +132,15 @@ impl LocalizeConfig {
     /// # Errors
     /// Names the first field that is out of its range.
     pub fn check(&self) -> Result<(), LocalizeError> {
-        const POSITIVE: &str = "a finite number above 0";
-        const NOT_NEGATIVE: &str = "a finite number, 0 or above";
-        const FINITE: &str = "a finite number";
+        const POSITIVE: &str = "a number from 1e-6 to 1e6";
+        const NOT_NEGATIVE: &str = "a number from 0 to 1e12";
+        const ALTITUDE: &str = "a number from -1e8 to 1e8";
         let require = |ok: bool, field, found: f64, expected| {
-            if ok && found.is_finite() {
-                Ok(())
-            } else {
-                Err(LocalizeError::Config { field, found, expected })
-            }
+            if ok { Ok(()) } else { Err(LocalizeError::Config { field, found, expected }) }
         };
-        let positive = |field, value: f64| require(value > 0.0, field, value, POSITIVE);
-        let not_negative = |field, value: f64| require(value >= 0.0, field, value, NOT_NEGATIVE);
+        let positive = |field, value: f64| require((1e-6..=1e6).contains(&value), field, value, POSITIVE);
+        let not_negative =
+            |field, value: f64| require((0.0..=1e12).contains(&value), field, value, NOT_NEGATIVE);
         positive("sigma_toa_ns", self.sigma_toa_ns)?;
         if let ClockModel::SharedWander { offset_sigma_ns, drift_sigma_ns_per_s, walk_ns_per_sqrt_s } =
             self.clock
@@ -152,8 +149,14 @@ impl LocalizeConfig {
             not_negative("drift_sigma_ns_per_s", drift_sigma_ns_per_s)?;
             not_negative("walk_ns_per_sqrt_s", walk_ns_per_sqrt_s)?;
         }
-        require(true, "user_altitude_m", self.user_altitude_m, FINITE)?;
-        not_negative("drone_pos_sigma_m", self.drone_pos_sigma_m)?;
+        let altitude = self.user_altitude_m;
+        require(altitude.abs() <= 1e8, "user_altitude_m", altitude, ALTITUDE)?;
+        require(
+            (0.0..=1e6).contains(&self.drone_pos_sigma_m),
+            "drone_pos_sigma_m",
+            self.drone_pos_sigma_m,
+            "a number from 0 to 1e6",
+        )?;
         if let Robust::Tukey { c } = self.robust {
             positive("c", c)?;
         }

@@ -203,6 +203,14 @@ impl Normal {
         }
     }
 
+    /// Holds user `u` where it is: it neither moves nor makes room for the clocks to move.
+    pub(super) fn pin(&mut self, u: usize, grid: &Grid) {
+        let stride = 2 * grid.clocks();
+        let range = self.touched_by[u].clone();
+        self.coupling[range.start * stride..range.end * stride].fill(0.0);
+        self.gradient[u] = [0.0; 2];
+    }
+
     /// An empty clock matrix with the envelope that these users need. Knots stay in time order: users seen in two
     /// lanes join knots mirrored about the turn, which the envelope follows row by row.
     pub(super) fn envelope(&self, grid: &Grid) -> Skyline {

@@ -7,6 +7,13 @@ use skyroost_protocol::units::{DroneId, UserId};
 
 use super::model::{LocalizeConfig, MAX_CAPTURES, Occasion};
 
+/// Numbers beyond these are mistakes, and would drown everything else in rounding errors: 31,000 years,
+/// 100,000 km, 11 days, a millisecond, a femtosecond.
+const MOST_TIME_S: f64 = 1e12;
+const MOST_POSITION_M: f64 = 1e8;
+const MOST_TOA_NS: f64 = 1e15;
+const SIGMA_NS: [f64; 2] = [1e-6, 1e6];
+
 /// One usable occasion. Unused places carry no information (`info` = 0).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heard {
@@ -55,9 +62,9 @@ pub(super) struct Problem {
 /// Why captures or occasions did not make it into a problem.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Dropped {
-    /// Occasions at a time that is not finite.
+    /// Occasions at a time that is not finite or absurd.
     pub(super) bad_time: usize,
-    /// Captures with a number that is not finite, or a standard deviation not above 0.
+    /// Captures with a number that is not finite or absurd, or a standard deviation not above 0.
     pub(super) bad_capture: usize,
     /// Second captures of a drone in one occasion.
     pub(super) duplicate: usize,
@@ -69,8 +76,11 @@ impl Dropped {
     /// One line per reason that occurred.
     pub(super) fn warnings(self) -> impl Iterator<Item = String> {
         [
-            (self.bad_time, "occasions dropped: their time is not finite"),
-            (self.bad_capture, "captures dropped: a number is not finite, or sigma_ns is not above 0"),
+            (self.bad_time, "occasions dropped: time_s is not finite or beyond 1e12"),
+            (
+                self.bad_capture,
+                "captures dropped: not finite, or beyond 1e8 m, 1e15 ns or sigma_ns of 1e-6 to 1e6",
+            ),
             (self.duplicate, "captures dropped: the same drone twice in one occasion"),
             (self.too_many_drones, "captures dropped: more than 256 drones in one clock group"),
         ]
@@ -90,7 +100,7 @@ pub(super) fn split(
     let mut dropped = Dropped::default();
     let mut order: Vec<u32> = Vec::with_capacity(occasions.len());
     for (i, occasion) in occasions.iter().enumerate() {
-        if occasion.time_s.is_finite() {
+        if occasion.time_s.abs() <= MOST_TIME_S {
             order.push(i as u32);
         } else {
             dropped.bad_time += 1;
@@ -207,8 +217,10 @@ fn hear(
     for &i in order.iter().filter(|&&i| keep(i)) {
         let capture = &captures[i];
         let sigma_ns = capture.sigma_ns.unwrap_or(cfg.sigma_toa_ns);
-        let finite = capture.pos_enu_m.iter().all(|p| p.is_finite()) && capture.toa_ns.is_finite();
-        if !(finite && sigma_ns.is_finite() && sigma_ns > 0.0) {
+        let sane = capture.pos_enu_m.iter().all(|p| p.abs() <= MOST_POSITION_M)
+            && capture.toa_ns.abs() <= MOST_TOA_NS
+            && (SIGMA_NS[0]..=SIGMA_NS[1]).contains(&sigma_ns);
+        if !sane {
             dropped.bad_capture += 1;
             continue;
         }
@@ -267,6 +279,6 @@ impl Track {
             yy += y * y;
         }
         let (sin, cos) = (0.5 * f64::atan2(2.0 * xy, xx - yy)).sin_cos();
-        centroid.iter().all(|c| c.is_finite()).then_some((centroid, [cos, sin]))
+        Some((centroid, [cos, sin]))
     }
 }

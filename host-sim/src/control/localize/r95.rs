@@ -9,8 +9,7 @@ const ANGLES: usize = 24;
 const RADIUS_CIRCULAR: f64 = 2.447_746_830_680_816;
 
 /// Eigenvalues of a symmetric 2x2 matrix, larger first.
-#[must_use]
-pub fn eigenvalues([[xx, xy], [_, yy]]: [[f64; 2]; 2]) -> [f64; 2] {
+pub(super) fn eigenvalues([[xx, xy], [_, yy]]: [[f64; 2]; 2]) -> [f64; 2] {
     let mean = 0.5 * (xx + yy);
     let radius = (0.5 * (xx - yy)).hypot(xy);
     [mean + radius, mean - radius]

@@ -1,4 +1,5 @@
 //! A small world of its own for tests and benches: fleets in zigzag over a square, wandering clocks, late captures.
+#![allow(missing_docs, unreachable_pub, reason = "compiled into the tests and into the bench")]
 
 use std::collections::BTreeMap;
 

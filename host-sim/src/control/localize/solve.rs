@@ -93,12 +93,23 @@ struct Solver<'a> {
     cost: f64,
     /// Minima of the whole group that compare with the best: the positions of all users.
     rivals: Vec<Vec<[f64; 2]>>,
+    /// A user that `minimise` does not move.
+    pinned: Option<usize>,
 }
 
 impl<'a> Solver<'a> {
     fn new(problem: &'a Problem, cfg: &'a LocalizeConfig) -> Self {
         let prior = position_prior(cfg);
-        Self { problem, cfg, prior, iterations: 0, fits: Vec::new(), cost: f64::INFINITY, rivals: Vec::new() }
+        Self {
+            problem,
+            cfg,
+            prior,
+            iterations: 0,
+            fits: Vec::new(),
+            cost: f64::INFINITY,
+            rivals: Vec::new(),
+            pinned: None,
+        }
     }
 
     /// Users at `pos_m`, clocks on robust lines.
@@ -138,6 +149,9 @@ impl<'a> Solver<'a> {
     fn evaluate(&self, state: &State, loss: &Loss, thinned: bool, normal: &mut Normal) {
         let thin = |user: &UserSpan| if thinned { (user.span.len() / FIRST_OCCASIONS).max(1) } else { 1 };
         normal.evaluate(self.problem, &state.grid, &state.pos_m, &state.clocks, loss, self.prior, thin);
+        if let Some(u) = self.pinned {
+            normal.pin(u, &state.grid);
+        }
     }
 
     /// Levenberg-Marquardt on the robust cost. Says whether it converged.
@@ -183,8 +197,23 @@ impl<'a> Solver<'a> {
         false
     }
 
+    /// Whether the cost of the whole group rises at the ends of user `u`'s ellipse as the covariance claims.
+    fn profile_is_parabola(&mut self, state: &State, u: usize, cov_m2: [[f64; 2]; 2]) -> bool {
+        let mut lowest = state.clone();
+        self.minimise(&mut lowest, 1.0, MOST_STEPS, false);
+        let cost = self.cost;
+        check::ellipse_ends(state.pos_m[u], cov_m2).into_iter().all(|end| {
+            let mut trial = state.clone();
+            trial.pos_m[u] = end;
+            self.pinned = Some(u);
+            self.minimise(&mut trial, 1.0, MOST_STEPS, false);
+            self.pinned = None;
+            check::rise_is_parabolic(self.cost - cost)
+        })
+    }
+
     /// Covariances and statuses at the minimum.
-    fn verdicts(&self, state: &State) -> GroupAnswer {
+    fn verdicts(&mut self, state: &State) -> GroupAnswer {
         let loss = Loss::accepting(self.cfg.robust);
         let mut normal = Normal::default();
         self.evaluate(state, &loss, false, &mut normal);
@@ -221,7 +250,7 @@ impl<'a> Solver<'a> {
     }
 
     fn verdict(
-        &self,
+        &mut self,
         state: &State,
         u: usize,
         cov_m2: [[f64; 2]; 2],
@@ -238,6 +267,10 @@ impl<'a> Solver<'a> {
         let mut status = check::status(self.problem, self.cfg, state, u, &fit, r95_m, eliminated.inverse[u]);
         if rival && status == FixStatus::Ok {
             status = FixStatus::Ambiguous;
+        }
+        let few = self.problem.users.len() <= FEW_USERS;
+        if few && status == FixStatus::Ok && !self.profile_is_parabola(state, u, cov_m2) {
+            status = FixStatus::PoorGeometry;
         }
         if status == FixStatus::NotLocated {
             let rejected = fit.captures - fit.accepted;

@@ -221,7 +221,10 @@ fn a_lone_user_is_not_oversold() {
         let world = World { fleets: 1, users_per_km2: 0.01, seed, ..World::default() };
         let flown = world.fly();
         for fix in run(&flown.occasions, &LocalizeConfig::default()).users {
-            assert!(error_m(&flown, &fix) < 1.5 * fix.r95_m, "{seed}: {fix:?}");
+            assert!(
+                fix.status != FixStatus::Ok || error_m(&flown, &fix) < 1.5 * fix.r95_m,
+                "{seed}: {fix:?}"
+            );
         }
     }
 }
@@ -250,10 +253,11 @@ fn truth_bound_is_attained() {
 
 #[test]
 fn late_captures_ruin_least_squares_and_the_statuses_say_so() {
+    let flown = World { users_per_km2: 1.0, ..World::default() }.fly();
     let cfg = LocalizeConfig { robust: Robust::None, ..LocalizeConfig::default() };
-    let score =
-        score(&World { users_per_km2: 1.0, ..World::default() }, &LocalizeConfig { max_r95_m: 1e4, ..cfg });
-    assert!(score.ok_fraction < 0.05, "{score:?}");
+    let found = run(&flown.occasions, &cfg);
+    let refused = found.users.iter().filter(|fix| fix.status == FixStatus::Inconsistent).count();
+    assert!(refused >= 95, "{refused}");
 }
 
 // ----------------------------------------------------------------------------------------------- invariances
@@ -415,7 +419,7 @@ fn drops_are_counted() {
 fn bad_configurations_are_named() {
     let cfg = LocalizeConfig { sigma_toa_ns: -1.0, ..LocalizeConfig::default() };
     let message = localize(&[], &cfg).expect_err("negative").to_string();
-    assert_eq!(message, "sigma_toa_ns is -1, expected a finite number above 0");
+    assert_eq!(message, "sigma_toa_ns is -1, expected a number from 1e-6 to 1e6");
     let late = crlb(&[], &[[false; 3]], &BTreeMap::new(), &LocalizeConfig::default());
     assert!(matches!(late, Err(LocalizeError::LateLength { found: 1, expected: 0 })));
 }
