@@ -10,6 +10,7 @@ use super::model::{LocalizeConfig, LocalizeError, Occasion, Robust, UserFix};
 use super::normal::{Normal, PositionPrior, sym_inverse, sym_mul};
 use super::problem::{Problem, split};
 use super::robust::Loss;
+use super::solve::State;
 
 /// Information that stands for "none" where a block must be inverted: a standard deviation of 100 km.
 const NO_INFORMATION: PositionPrior = PositionPrior { info: 1e-10 };
@@ -69,9 +70,10 @@ fn bound_group(
         problem.users.iter().map(|user| truth.get(&user.user).copied().unwrap_or(user.centroid_m)).collect();
     let mut normal = Normal::default();
     let loss = Loss::new(Robust::None, 1.0);
-    normal.evaluate(problem, &grid, &pos_m, &clocks, &loss, NO_INFORMATION, |_| 1);
+    let state = State { grid, clocks, pos_m };
+    normal.evaluate(problem, &state, &loss, NO_INFORMATION, |_| 1);
     let matrix = normal.envelope(&grid);
-    let Some(eliminated) = normal.eliminate(&grid, &clocks, 0.0, matrix) else { return Vec::new() };
+    let Some(eliminated) = normal.eliminate(&state, 0.0, matrix) else { return Vec::new() };
     let covariances = normal.covariances(&grid, &eliminated);
     (problem.users.iter().zip(covariances))
         .filter(|(_, cov)| {

@@ -1,7 +1,7 @@
 //! Whether a fix deserves trust: bad fits and their second starts, mirror points, profiles, the status.
 
-use super::model::{FixStatus, LocalizeConfig, MAX_CAPTURES, UserFix};
-use super::normal::{Fit, Sym2, sym_inverse, sym_mul};
+use super::model::{FixStatus, LocalizeConfig, UserFix};
+use super::normal::{Fit, Sym2, UserBlock, sym_inverse, sym_mul};
 use super::problem::{Problem, UserSpan};
 use super::r95::{eigenvalues, r95};
 use super::robust::{Loss, linearise};
@@ -18,6 +18,8 @@ const CHI2_SIGMAS: f64 = 6.0;
 pub(super) const COMPARABLE_COST: f64 = 4.5;
 /// 95 % quantile of a chi-square with two degrees of freedom.
 const CHI2_95: f64 = 5.991;
+/// A descent ends when a step gains less.
+const ENOUGH_GAIN: f64 = 1e-3;
 /// Occasions of a first look at a mirror point.
 const GLANCE: usize = 16;
 /// Fixes with a smaller r95 are in the linear range (the geometry curves over some 300 m): no profile needed.
@@ -83,8 +85,8 @@ pub(super) fn restart_bad_fits(
     state: &mut State,
 ) -> bool {
     let mut moved = false;
-    for u in 0..problem.users.len() {
-        if rejected_share(&fits[u]) <= BAD_FIT_REJECTED {
+    for (u, fit) in fits.iter().enumerate() {
+        if rejected_share(fit) <= BAD_FIT_REJECTED {
             continue;
         }
         let one = OneUser::new(problem, cfg, state, u);
@@ -148,43 +150,19 @@ impl<'a> OneUser<'a> {
         Self { problem, cfg, state, user: &problem.users[u] }
     }
 
-    /// Information, gradient and fit at `p`, from every `stride`-th occasion.
-    fn linearise(&self, p: [f64; 2], loss: &Loss, stride: usize) -> (Sym2, [f64; 2], Fit) {
-        let prior = position_prior(self.cfg).info;
-        let d = [p[0] - self.user.centroid_m[0], p[1] - self.user.centroid_m[1]];
-        let mut info = [prior, 0.0, prior];
-        let mut gradient = d.map(|d| -prior * d);
-        let mut fit = Fit { cost: 0.5 * prior * (d[0] * d[0] + d[1] * d[1]), ..Fit::default() };
+    /// Normal equations at `p`, from every `stride`-th occasion.
+    fn linearise(&self, p: [f64; 2], loss: &Loss, stride: usize) -> UserBlock {
+        let mut block = UserBlock::new(self.user, p, position_prior(self.cfg));
         for heard in self.problem.heard[self.user.span.clone()].iter().step_by(stride) {
             let (interval, fraction) = self.state.grid.locate(heard.time_s);
-            let row = linearise(heard, p, self.state.clocks.of_captures(heard, interval, fraction), loss);
-            fit.cost += row.cost;
-            fit.captures += u32::from(heard.count);
-            let accepted = row.weight.iter().filter(|w| **w > 0.0).count() as u32;
-            if accepted < 2 {
-                continue;
-            }
-            fit.accepted += accepted;
-            fit.tdoas += accepted - 1;
-            let mean: [f64; 2] = std::array::from_fn(|axis| {
-                (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
-            });
-            for i in 0..MAX_CAPTURES {
-                let w = row.weight[i];
-                let [sx, sy] = [row.slope[i][0] - mean[0], row.slope[i][1] - mean[1]];
-                fit.chi2 += w * row.deviation_ns[i].powi(2);
-                gradient[0] += w * row.deviation_ns[i] * sx;
-                gradient[1] += w * row.deviation_ns[i] * sy;
-                info[0] += w * sx * sx;
-                info[1] += w * sx * sy;
-                info[2] += w * sy * sy;
-            }
+            let clock_ns = self.state.clocks.of_captures(heard, interval, fraction);
+            block.add(heard, &linearise(heard, p, clock_ns, loss));
         }
-        (info, gradient, fit)
+        block
     }
 
     fn cost(&self, p: [f64; 2]) -> f64 {
-        self.linearise(p, &Loss::new(self.cfg.robust, 1.0), 1).2.cost
+        self.linearise(p, &Loss::new(self.cfg.robust, 1.0), 1).fit.cost
     }
 
     /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion.
@@ -192,22 +170,22 @@ impl<'a> OneUser<'a> {
         let mut p = start;
         for (scale, steps) in [(16.0, 2), (4.0, 2), (1.0, 10)] {
             let loss = Loss::new(self.cfg.robust, scale);
-            let (mut info, mut gradient, mut fit) = self.linearise(p, &loss, stride);
+            let mut here = self.linearise(p, &loss, stride);
             let mut damping = 0.0;
             for _ in 0..steps {
-                let [xx, xy, yy] = info;
-                let d = sym_mul(sym_inverse([xx * (1.0 + damping), xy, yy * (1.0 + damping)]), gradient);
+                let [xx, xy, yy] = here.info;
+                let d = sym_mul(sym_inverse([xx * (1.0 + damping), xy, yy * (1.0 + damping)]), here.gradient);
                 let shorten = (0.5 * self.cfg.expected_radius_m / d[0].hypot(d[1])).min(1.0);
                 let trial = [p[0] + shorten * d[0], p[1] + shorten * d[1]];
-                let (trial_info, trial_gradient, trial_fit) = self.linearise(trial, &loss, stride);
-                if trial_fit.cost > fit.cost {
+                let there = self.linearise(trial, &loss, stride);
+                let gained = here.fit.cost - there.fit.cost;
+                if gained < 0.0 {
                     damping = (damping * 10.0).max(1e-2);
                     continue;
                 }
-                let gained = fit.cost - trial_fit.cost;
-                (p, info, gradient, fit) = (trial, trial_info, trial_gradient, trial_fit);
+                (p, here) = (trial, there);
                 damping *= 0.1;
-                if gained < 1e-4 {
+                if gained < ENOUGH_GAIN {
                     break;
                 }
             }

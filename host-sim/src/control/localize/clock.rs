@@ -144,17 +144,14 @@ impl Grid {
                 }
             }
         };
-        for j in 0..m {
-            residual[j] = clocks.offset_ns(0, j + 1);
-        }
+        residual.iter_mut().enumerate().for_each(|(j, r)| *r = clocks.offset_ns(0, j + 1));
         add(&[(0, 1.0)], self.offset_sigma_ns, &residual);
         residual.copy_from_slice(&clocks.drift_ns);
         add(&[(drift_row, 1.0)], self.drift_sigma_ns, &residual);
         let share = 1.0 / self.intervals as f64;
         for k in 0..self.intervals {
-            for j in 0..m {
-                residual[j] =
-                    clocks.offset_ns(k + 1, j + 1) - clocks.offset_ns(k, j + 1) - share * clocks.drift_ns[j];
+            for (j, (r, drift_ns)) in residual.iter_mut().zip(&clocks.drift_ns).enumerate() {
+                *r = clocks.offset_ns(k + 1, j + 1) - clocks.offset_ns(k, j + 1) - share * drift_ns;
             }
             add(&[(k * m, -1.0), ((k + 1) * m, 1.0), (drift_row, -share)], self.walk_sigma_ns, &residual);
         }

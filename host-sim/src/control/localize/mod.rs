@@ -4,12 +4,12 @@
 //! A fleet of three drones 50 m apart hears a user once a second while passing it. A nanosecond of clock error
 //! moves a fix by 3 to 6 m, so the clocks of a fleet are unknowns of the same least-squares problem as all of its
 //! users: `toa = emission + |p - d| / c + clock + noise`, Taylor-series positioning (Foy 1976, Torrieri 1984) with
-//! - an unknown emission time per occasion, projected out ([`robust`]);
-//! - two unknowns per user, eliminated by a Schur complement ([`normal`]);
-//! - offset, drift and random walk per drone on knots in time ([`clock`]), solved by a skyline Cholesky
-//!   factorisation ([`cholesky`]);
-//! - Tukey weights against late captures, tightened step by step from a start that needs no clocks ([`solve`]);
-//! - a verdict per user ([`check`]) and the marginal covariance that verdict and r95 rest on.
+//! - an unknown emission time per occasion, projected out (`robust`);
+//! - two unknowns per user, eliminated by a Schur complement (`normal`);
+//! - offset, drift and random walk per drone on knots in time (`clock`), solved by a skyline Cholesky
+//!   factorisation (`cholesky`);
+//! - Tukey weights against late captures, tightened step by step from a start that needs no clocks (`solve`);
+//! - a verdict per user (`check`) and the marginal covariance that verdict and r95 rest on.
 //!
 //! A closed-form start (Chan & Ho 1994) is of no use here: it needs the clocks, which are off by up to 60 us.
 //!

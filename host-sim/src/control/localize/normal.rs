@@ -12,10 +12,11 @@
 use std::ops::Range;
 
 use super::cholesky::Skyline;
-use super::clock::{Clocks, Grid};
+use super::clock::Grid;
 use super::model::MAX_CAPTURES;
-use super::problem::{Problem, UserSpan};
-use super::robust::{Loss, linearise};
+use super::problem::{Heard, Problem, UserSpan};
+use super::robust::{Loss, Row, linearise};
+use super::solve::State;
 
 /// A weak prior keeps every user's block definite: it lies within about this distance of its centroid.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +52,58 @@ pub(super) fn sym_mul([xx, xy, yy]: Sym2, [x, y]: [f64; 2]) -> [f64; 2] {
     [xx * x + xy * y, xy * x + yy * y]
 }
 
+/// Normal equations of one user alone.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct UserBlock {
+    pub(super) info: Sym2,
+    /// Downhill.
+    pub(super) gradient: [f64; 2],
+    pub(super) fit: Fit,
+}
+
+impl UserBlock {
+    /// Only the prior, at `p`.
+    pub(super) fn new(user: &UserSpan, p: [f64; 2], prior: PositionPrior) -> Self {
+        let d = [p[0] - user.centroid_m[0], p[1] - user.centroid_m[1]];
+        let cost = 0.5 * prior.info * (d[0] * d[0] + d[1] * d[1]);
+        Self {
+            info: [prior.info, 0.0, prior.info],
+            gradient: d.map(|d| -prior.info * d),
+            fit: Fit { cost, ..Fit::default() },
+        }
+    }
+
+    /// Adds one occasion. Returns its slopes with the emission time projected out: `u_i - sum w u / sum w`.
+    #[inline]
+    pub(super) fn add(&mut self, heard: &Heard, row: &Row) -> [[f64; 2]; MAX_CAPTURES] {
+        self.fit.cost += row.cost;
+        self.fit.captures += u32::from(heard.count);
+        if row.total <= 0.0 {
+            return [[0.0; 2]; MAX_CAPTURES];
+        }
+        let accepted = row.weight.iter().map(|w| u32::from(*w > 0.0)).sum::<u32>();
+        if accepted >= 2 {
+            self.fit.accepted += accepted;
+            self.fit.tdoas += accepted - 1;
+        }
+        let mean: [f64; 2] = std::array::from_fn(|axis| {
+            (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
+        });
+        let slope = row.slope.map(|[x, y]| [x - mean[0], y - mean[1]]);
+        for (i, [x, y]) in slope.iter().enumerate() {
+            let w = row.weight[i];
+            let wd = w * row.deviation_ns[i];
+            self.fit.chi2 += wd * row.deviation_ns[i];
+            self.gradient[0] += wd * x;
+            self.gradient[1] += wd * y;
+            self.info[0] += w * x * x;
+            self.info[1] += w * x * y;
+            self.info[2] += w * y * y;
+        }
+        slope
+    }
+}
+
 /// The normal equations at one state.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Normal {
@@ -80,18 +133,16 @@ pub(super) struct Step {
 }
 
 impl Normal {
-    /// Linearises every `thin(user)`-th occasion of every user at `pos_m` and `clocks`.
+    /// Linearises every `thin(user)`-th occasion of every user at `state`.
     pub(super) fn evaluate(
         &mut self,
         problem: &Problem,
-        grid: &Grid,
-        pos_m: &[[f64; 2]],
-        clocks: &Clocks,
+        state: &State,
         loss: &Loss,
         prior: PositionPrior,
         thin: impl Fn(&UserSpan) -> usize,
     ) {
-        let m = grid.clocks();
+        let m = state.grid.clocks();
         self.info.clear();
         self.gradient.clear();
         self.fits.clear();
@@ -99,102 +150,82 @@ impl Normal {
         self.touched_by.clear();
         self.coupling.clear();
         self.clock_info.clear();
-        self.clock_info.resize(grid.intervals * 3 * m * m, 0.0);
+        self.clock_info.resize(state.grid.intervals * 3 * m * m, 0.0);
         self.clock_gradient.clear();
-        self.clock_gradient.resize(grid.unknowns(), 0.0);
+        self.clock_gradient.resize(state.grid.unknowns(), 0.0);
         self.cost = 0.0;
-        for (user, &p) in problem.users.iter().zip(pos_m) {
-            self.add_user(problem, grid, user, p, clocks, loss, prior, thin(user));
+        for (user, &p) in problem.users.iter().zip(&state.pos_m) {
+            let first_touched = self.touched.len();
+            let mut block = UserBlock::new(user, p, prior);
+            let mut last_interval = usize::MAX;
+            for heard in problem.heard[user.span.clone()].iter().step_by(thin(user)) {
+                let (interval, fraction) = state.grid.locate(heard.time_s);
+                if interval != last_interval {
+                    self.touch(interval, first_touched, m);
+                    last_interval = interval;
+                }
+                let row = linearise(heard, p, state.clocks.of_captures(heard, interval, fraction), loss);
+                let slope = block.add(heard, &row);
+                if row.total > 0.0 {
+                    self.add_clocks(heard, &row, &slope, interval, fraction, m);
+                }
+            }
+            self.cost += block.fit.cost;
+            self.info.push(block.info);
+            self.gradient.push(block.gradient);
+            self.fits.push(block.fit);
+            self.touched_by.push(first_touched..self.touched.len());
         }
-        self.cost += grid.add_prior(clocks, &mut self.clock_gradient, None);
+        self.cost += state.grid.add_prior(&state.clocks, &mut self.clock_gradient, None);
     }
 
-    #[expect(clippy::too_many_arguments, reason = "the hot loop, called from one place")]
-    fn add_user(
+    /// What one occasion says of the clocks of its captures at the two knots around it, the last two touched.
+    #[inline]
+    fn add_clocks(
         &mut self,
-        problem: &Problem,
-        grid: &Grid,
-        user: &UserSpan,
-        p: [f64; 2],
-        clocks: &Clocks,
-        loss: &Loss,
-        prior: PositionPrior,
-        stride: usize,
+        heard: &Heard,
+        row: &Row,
+        slope: &[[f64; 2]; MAX_CAPTURES],
+        interval: usize,
+        fraction: f64,
+        m: usize,
     ) {
-        let m = grid.clocks();
-        let from_centroid = [p[0] - user.centroid_m[0], p[1] - user.centroid_m[1]];
-        let mut info = [prior.info, 0.0, prior.info];
-        let mut gradient = from_centroid.map(|d| -prior.info * d);
-        let mut fit = Fit::default();
-        let touched_start = self.touched.len();
-        let mut last_interval = usize::MAX;
-        for heard in problem.heard[user.span.clone()].iter().step_by(stride) {
-            let (interval, fraction) = grid.locate(heard.time_s);
-            if interval != last_interval {
-                self.touch(interval, touched_start, m);
-                last_interval = interval;
+        let share = [1.0 - fraction, fraction];
+        let coupling_start = self.coupling.len() - 4 * m;
+        let coupling = &mut self.coupling[coupling_start..];
+        let gradient = &mut self.clock_gradient[interval * m..(interval + 2) * m];
+        let info = &mut self.clock_info[interval * 3 * m * m..(interval + 1) * 3 * m * m];
+        for (i, [x, y]) in slope.iter().enumerate() {
+            let slot = usize::from(heard.slot[i]);
+            if slot == 0 {
+                continue; // the reference clock, or no capture
             }
-            let row = linearise(heard, p, clocks.of_captures(heard, interval, fraction), loss);
-            fit.cost += row.cost;
-            fit.captures += u32::from(heard.count);
-            if row.total <= 0.0 {
-                continue;
+            let w = row.weight[i];
+            for side in 0..2 {
+                let shared = share[side] * w;
+                coupling[2 * m * side + slot - 1] += shared * x;
+                coupling[2 * m * side + m + slot - 1] += shared * y;
+                gradient[m * side + slot - 1] += shared * row.deviation_ns[i];
             }
-            let mean: [f64; 2] = std::array::from_fn(|axis| {
-                (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
-            });
-            let share = [1.0 - fraction, fraction];
-            let coupling = self.coupling.len() - 4 * m;
-            let accepted = row.weight.iter().filter(|w| **w > 0.0).count() as u32;
-            if accepted >= 2 {
-                fit.accepted += accepted;
-                fit.tdoas += accepted - 1;
-            }
-            for i in 0..MAX_CAPTURES {
-                let w = row.weight[i];
-                let wd = w * row.deviation_ns[i];
-                let [sx, sy] = [row.slope[i][0] - mean[0], row.slope[i][1] - mean[1]];
-                fit.chi2 += wd * row.deviation_ns[i];
-                gradient[0] += wd * sx;
-                gradient[1] += wd * sy;
-                info[0] += w * sx * sx;
-                info[1] += w * sx * sy;
-                info[2] += w * sy * sy;
-                let slot = usize::from(heard.slot[i]);
-                if slot == 0 {
+            for j in 0..MAX_CAPTURES {
+                let other = usize::from(heard.slot[j]);
+                if other == 0 {
                     continue;
                 }
-                for (side, share_side) in share.iter().enumerate() {
-                    let at = coupling + 2 * m * side + slot - 1;
-                    self.coupling[at] += share_side * w * sx;
-                    self.coupling[at + m] += share_side * w * sy;
-                    self.clock_gradient[(interval + side) * m + slot - 1] += share_side * wd;
-                }
                 // W - W 1 1' W / (1' W 1), see `linearise`.
-                for j in 0..MAX_CAPTURES {
-                    let other = usize::from(heard.slot[j]);
-                    if other == 0 {
-                        continue;
-                    }
-                    let own = if i == j { w } else { 0.0 };
-                    let value = own - w * row.weight[j] / row.total;
-                    let at = interval * 3 * m * m + (slot - 1) * m + other - 1;
-                    self.clock_info[at] += value * share[0] * share[0];
-                    self.clock_info[at + m * m] += value * share[0] * share[1];
-                    self.clock_info[at + 2 * m * m] += value * share[1] * share[1];
-                }
+                let own = if i == j { w } else { 0.0 };
+                let value = own - w * row.weight[j] / row.total;
+                let at = (slot - 1) * m + other - 1;
+                info[at] += value * share[0] * share[0];
+                info[at + m * m] += value * share[0] * share[1];
+                info[at + 2 * m * m] += value * share[1] * share[1];
             }
         }
-        self.cost += fit.cost + 0.5 * prior.info * (from_centroid[0].powi(2) + from_centroid[1].powi(2));
-        self.info.push(info);
-        self.gradient.push(gradient);
-        self.fits.push(fit);
-        self.touched_by.push(touched_start..self.touched.len());
     }
 
     /// Makes the last two touched knots those of `interval`.
-    fn touch(&mut self, interval: usize, touched_start: usize, m: usize) {
-        let known = self.touched[touched_start..].last().map(|&knot| knot as usize);
+    fn touch(&mut self, interval: usize, first_touched: usize, m: usize) {
+        let known = self.touched[first_touched..].last().map(|&knot| knot as usize);
         for knot in [interval, interval + 1] {
             if known.is_none_or(|last| knot > last) {
                 self.touched.push(knot as u32);
@@ -228,14 +259,8 @@ impl Normal {
 
     /// Eliminates the users, with the diagonal of their blocks raised by the fraction `damping`, and factors the
     /// clocks' matrix. `None` where it is not positive definite.
-    pub(super) fn eliminate(
-        &self,
-        grid: &Grid,
-        clocks: &Clocks,
-        damping: f64,
-        mut s: Skyline,
-    ) -> Option<Eliminated> {
-        let m = grid.clocks();
+    pub(super) fn eliminate(&self, state: &State, damping: f64, mut s: Skyline) -> Option<Eliminated> {
+        let (grid, m) = (&state.grid, state.grid.clocks());
         s.clear();
         for (k, blocks) in self.clock_info.chunks_exact(3 * m * m).enumerate() {
             for i in 0..m {
@@ -250,7 +275,7 @@ impl Normal {
             }
         }
         let mut ignored = vec![0.0; grid.unknowns()];
-        grid.add_prior(clocks, &mut ignored, Some(&mut s));
+        grid.add_prior(&state.clocks, &mut ignored, Some(&mut s));
         let inverse: Vec<Sym2> = (self.info.iter())
             .map(|&[xx, xy, yy]| sym_inverse([xx * (1.0 + damping), xy, yy * (1.0 + damping)]))
             .collect();

@@ -1,6 +1,5 @@
 //! Occasions sorted and checked: one problem per clock group, in the layout that the solver reads.
 
-use std::collections::BTreeSet;
 use std::ops::Range;
 
 use skyroost_protocol::units::{DroneId, UserId};
@@ -98,27 +97,24 @@ pub(super) fn split(
     keep: &dyn Fn(usize, usize) -> bool,
 ) -> (Vec<Problem>, Dropped) {
     let mut dropped = Dropped::default();
-    let mut order: Vec<u32> = Vec::with_capacity(occasions.len());
+    // Group and user, then time, then the index: packed, so that sorting stays within the keys.
+    let mut order: Vec<(u64, f64, u32)> = Vec::with_capacity(occasions.len());
     for (i, occasion) in occasions.iter().enumerate() {
         if occasion.time_s.abs() <= MOST_TIME_S {
-            order.push(i as u32);
+            let key = u64::from(occasion.clock_group) << 32 | u64::from(occasion.user.0);
+            order.push((key, occasion.time_s, i as u32));
         } else {
             dropped.bad_time += 1;
         }
     }
-    let key = |i: &u32| {
-        let o = &occasions[*i as usize];
-        (o.clock_group, o.user)
-    };
     order.sort_unstable_by(|a, b| {
-        let (left, right) = (&occasions[*a as usize], &occasions[*b as usize]);
-        (key(a).cmp(&key(b)))
-            .then_with(|| left.time_s.total_cmp(&right.time_s))
+        (a.0.cmp(&b.0))
+            .then_with(|| a.1.total_cmp(&b.1))
             // Only for occasions at the same instant, so that input order never matters.
-            .then_with(|| canonical(left).cmp(&canonical(right)))
+            .then_with(|| canonical(&occasions[a.2 as usize]).cmp(&canonical(&occasions[b.2 as usize])))
     });
     let problems = order
-        .chunk_by(|a, b| key(a).0 == key(b).0)
+        .chunk_by(|a, b| a.0 >> 32 == b.0 >> 32)
         .map(|group| build(occasions, group, cfg, keep, &mut dropped))
         .collect();
     (problems, dropped)
@@ -138,28 +134,32 @@ fn canonical(occasion: &Occasion) -> Vec<(u16, [u64; 4])> {
     keys
 }
 
-/// One group; `group` is sorted by user and time.
+/// One group; `group` has key, time and index, sorted.
 fn build(
     occasions: &[Occasion],
-    group: &[u32],
+    group: &[(u64, f64, u32)],
     cfg: &LocalizeConfig,
     keep: &dyn Fn(usize, usize) -> bool,
     dropped: &mut Dropped,
 ) -> Problem {
-    let drones: BTreeSet<DroneId> =
-        group.iter().flat_map(|&i| &occasions[i as usize].captures).map(|c| c.drone).collect();
-    let drones: Vec<DroneId> = drones.into_iter().take(256).collect();
+    let mut drones: Vec<DroneId> = Vec::new();
+    for capture in group.iter().flat_map(|&(.., i)| &occasions[i as usize].captures) {
+        if let Err(at) = drones.binary_search(&capture.drone) {
+            drones.insert(at, capture.drone);
+        }
+    }
+    drones.truncate(256);
     let mut problem = Problem {
-        clock_group: occasions[group[0] as usize].clock_group,
+        clock_group: occasions[group[0].2 as usize].clock_group,
         drones,
         users: Vec::new(),
         heard: Vec::with_capacity(group.len()),
         time_s: [f64::INFINITY, f64::NEG_INFINITY],
     };
-    for of_user in group.chunk_by(|a, b| occasions[*a as usize].user == occasions[*b as usize].user) {
+    for of_user in group.chunk_by(|a, b| a.0 == b.0) {
         let start = problem.heard.len();
         let mut track = Track::default();
-        for &i in of_user {
+        for &(.., i) in of_user {
             let occasion = &occasions[i as usize];
             let heard = hear(occasion, &problem.drones, cfg, &|capture| keep(i as usize, capture), dropped);
             if heard.count > 0 {
@@ -174,7 +174,7 @@ fn build(
         // A user none of whose captures can be read is not in the answer; its captures are counted.
         if let Some((centroid_m, direction)) = track.finish() {
             problem.users.push(UserSpan {
-                user: occasions[of_user[0] as usize].user,
+                user: occasions[of_user[0].2 as usize].user,
                 span: start..problem.heard.len(),
                 centroid_m,
                 track: direction,

@@ -8,7 +8,8 @@ use super::problem::Heard;
 pub(super) struct Loss {
     /// Inverse square of the factor by which the noise is taken larger than it is.
     inverse_scale2: f64,
-    /// Inverse square of the cut-off in standard deviations; 0 for least squares.
+    /// Square of the cut-off in standard deviations, and its inverse; infinite and 0 for least squares.
+    cutoff2: f64,
     inverse_cutoff2: f64,
     /// Whether captures inside the cut-off count fully.
     hard: bool,
@@ -17,11 +18,11 @@ pub(super) struct Loss {
 impl Loss {
     /// The configured loss with the noise `scale` times as large.
     pub(super) fn new(robust: Robust, scale: f64) -> Self {
-        let inverse_cutoff2 = match robust {
-            Robust::Tukey { c } => c.powi(-2),
-            Robust::None => 0.0,
+        let cutoff2 = match robust {
+            Robust::Tukey { c } => c * c,
+            Robust::None => f64::INFINITY,
         };
-        Self { inverse_scale2: scale.powi(-2), inverse_cutoff2, hard: false }
+        Self { inverse_scale2: scale.powi(-2), cutoff2, inverse_cutoff2: cutoff2.recip(), hard: false }
     }
 
     /// Every capture inside the cut-off at full weight: the information in the captures believed. The biweight's
@@ -33,26 +34,17 @@ impl Loss {
     /// Tukey's biweight (Beaton & Tukey 1974) of a squared normalised residual.
     #[inline]
     fn weight(&self, z2: f64) -> f64 {
-        let t = z2 * self.inverse_cutoff2;
-        if t >= 1.0 {
-            0.0
-        } else if self.hard {
-            1.0
-        } else {
-            (1.0 - t) * (1.0 - t)
-        }
+        let left = (1.0 - z2 * self.inverse_cutoff2).max(0.0);
+        if self.hard { f64::from(u8::from(left > 0.0)) } else { left * left }
     }
 
     /// Its cost: half the squared residual near zero, a sixth of the squared cut-off far away.
     #[inline]
     fn cost(&self, z2: f64) -> f64 {
+        let z2 = z2.min(self.cutoff2);
         let t = z2 * self.inverse_cutoff2;
-        if t >= 1.0 {
-            1.0 / (6.0 * self.inverse_cutoff2)
-        } else {
-            // c^2/6 (1 - (1-t)^3), written out so that least squares (t = 0) keeps its digits.
-            0.5 * z2 * (1.0 - t + t * t / 3.0)
-        }
+        // c^2/6 (1 - (1-t)^3), written out so that least squares (t = 0) keeps its digits.
+        0.5 * z2 * (1.0 - t + t * t / 3.0)
     }
 }
 

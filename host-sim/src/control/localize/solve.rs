@@ -17,9 +17,9 @@ const STEPS_PER_SCALE: u32 = 2;
 const MOST_STEPS: u32 = 30;
 /// Occasions per user that suffice for the first iterations.
 const FIRST_OCCASIONS: usize = 24;
-/// Converged when a step is expected to lower the cost by less than this per user: a hundredth of a standard
-/// deviation.
-const TOLERANCE_PER_USER: f64 = 5e-5;
+/// Converged when a step is expected to lower the cost by less than this per user: a thirtieth of a standard
+/// deviation; that step is still taken.
+const TOLERANCE_PER_USER: f64 = 5e-4;
 /// Rounds of new starts for users with a bad fit.
 const MOST_RESTARTS: usize = 3;
 /// Up to this many users a group may have to be started anew as a whole: their errors do not yet average out in
@@ -148,7 +148,7 @@ impl<'a> Solver<'a> {
 
     fn evaluate(&self, state: &State, loss: &Loss, thinned: bool, normal: &mut Normal) {
         let thin = |user: &UserSpan| if thinned { (user.span.len() / FIRST_OCCASIONS).max(1) } else { 1 };
-        normal.evaluate(self.problem, &state.grid, &state.pos_m, &state.clocks, loss, self.prior, thin);
+        normal.evaluate(self.problem, state, loss, self.prior, thin);
         if let Some(u) = self.pinned {
             normal.pin(u, &state.grid);
         }
@@ -165,7 +165,7 @@ impl<'a> Solver<'a> {
         let mut damping = 0.0;
         for _ in 0..most_steps {
             self.iterations += 1;
-            let Some(eliminated) = normal.eliminate(&state.grid, &state.clocks, damping, matrix) else {
+            let Some(eliminated) = normal.eliminate(state, damping, matrix) else {
                 matrix = normal.envelope(&state.grid);
                 damping = raise(damping);
                 continue;
@@ -218,7 +218,7 @@ impl<'a> Solver<'a> {
         let mut normal = Normal::default();
         self.evaluate(state, &loss, false, &mut normal);
         let matrix = normal.envelope(&state.grid);
-        let eliminated = normal.eliminate(&state.grid, &state.clocks, 0.0, matrix);
+        let eliminated = normal.eliminate(state, 0.0, matrix);
         let covariances = eliminated.as_ref().map(|e| normal.covariances(&state.grid, e));
         let mut answer = GroupAnswer::default();
         if covariances.is_none() {
