@@ -50,7 +50,7 @@ fn assignment(c: &mut Criterion) {
         let (from_m, to_m) = (scatter(drones, 10_000.0, 2), scatter(drones, 10_000.0, 3));
         group.sample_size(if drones > 100 { 10 } else { 50 });
         group.bench_function(BenchmarkId::from_parameter(drones), |b| {
-            b.iter(|| assign(black_box(&from_m), &to_m))
+            b.iter(|| assign(black_box(&from_m), &to_m));
         });
     }
     group.finish();
@@ -65,7 +65,7 @@ fn relay(c: &mut Criterion) {
             scatter(drones as usize, side_m, 4).iter().map(|p| V3::new(p.x, p.y, 300.0)).collect();
         let mut relay = Relay::new(32);
         group.bench_function(BenchmarkId::from_parameter(drones), |b| {
-            b.iter(|| relay.update(black_box(&positions_m)))
+            b.iter(|| relay.update(black_box(&positions_m)));
         });
     }
     group.finish();

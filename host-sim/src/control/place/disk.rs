@@ -3,7 +3,7 @@
 //! The users that a centre covers change only where it crosses one of their circles, so the deepest
 //! region is bounded by arcs of circles of users it covers, and a sweep along every circle finds it
 //! (Chazelle and Lee 1986). The sweep here runs along the few arcs inside a small node of the branch
-//! and bound of [`super::search`], which has thrown out everything else before.
+//! and bound of `super::search`, which has thrown out everything else before.
 
 use std::f64::consts::TAU;
 
@@ -150,10 +150,11 @@ impl Step for Counting<'_> {
     }
 }
 
-/// The stated rule between two disks of equal weight.
+/// The stated rule: more weight, larger margin, smaller east, smaller north.
 fn preferred(a: &Disk, b: &Disk) -> bool {
-    let keys = [(b.margin_m, a.margin_m), (a.pos_m.x, b.pos_m.x), (a.pos_m.y, b.pos_m.y)];
-    keys.iter().find(|(small, large)| (small - large).abs() > TOLERANCE_M).is_some_and(|(s, l)| s < l)
+    let [a_keys, b_keys] = [a, b].map(|d| [-d.weight, -d.margin_m, d.pos_m.x, d.pos_m.y]);
+    let mut keys = a_keys.into_iter().zip(b_keys);
+    keys.find(|(a, b)| (a - b).abs() > TOLERANCE_M).is_some_and(|(a, b)| a < b)
 }
 
 impl Gain for Circles {

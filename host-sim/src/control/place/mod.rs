@@ -1,9 +1,9 @@
 //! Where the drones hover to serve the most users: the paper's Algorithm 2 with every step exact.
 //!
 //! One step is the one-disk problem (6): the centre that has the most users within their coverage
-//! radius. Its maximum is found by branch and bound over squares of centres ([`search`]), closed by
-//! angular sweeps over circle intersections ([`disk`]); among all centres that reach it, [`centre`]
-//! takes the one farthest from losing a user. [`greedy`] repeats the step on the users left over.
+//! radius. Its maximum is found by branch and bound over squares of centres (`search`), closed by
+//! angular sweeps over circle intersections ([`disk`]); among all centres that reach it, `centre`
+//! takes the one farthest from losing a user. `greedy` repeats the step on the users left over.
 //!
 //! Two objectives share that machinery. [`Objective::Guaranteed`] counts users whose whole error disk
 //! is covered, as the paper does. [`Objective::Expected`] maximises the expected number of users truly
@@ -12,10 +12,10 @@
 //! Units: metres, east and north of one local origin.
 
 mod cells;
-pub mod centre;
+mod centre;
 pub mod disk;
 pub mod expected;
-pub mod greedy;
+mod greedy;
 mod search;
 
 #[cfg(test)]
