@@ -68,7 +68,7 @@ impl Cells {
         let low = positions_m.iter().fold(positions_m[0], |a, p| a.inf(p)) - V2::repeat(reach_m);
         let high = positions_m.iter().fold(positions_m[0], |a, p| a.sup(p)) + V2::repeat(reach_m);
         // Wide and thinly peopled areas get larger squares; branch and bound splits those it needs.
-        let affordable = (4096 + 16 * positions_m.len()) as f64;
+        let affordable = (2048 + 8 * positions_m.len()) as f64;
         let squares = |side_m: f64| (high - low).map(|extent| (extent / side_m).floor() + 1.0);
         let mut side_m = reach_m / SQUARES_PER_REACH;
         while squares(side_m).product() > affordable {
