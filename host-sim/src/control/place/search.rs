@@ -202,6 +202,10 @@ impl<G: Gain> Search<'_, G> {
         while squares.peek().is_some_and(|square| square.ceiling >= least) {
             self.open_square(cells, &mut squares);
         }
+        // The disk of a square is wider than the square, and may have a higher ceiling: search it.
+        while self.heap.peek().is_some_and(|node| node.ceiling > self.open_above()) {
+            self.settle_or_split();
+        }
         for node in std::mem::take(&mut self.heap).into_sorted_vec().iter().rev() {
             if node.ceiling >= least {
                 let tie = Tie { at: node.at, rho_m: node.rho_m() };

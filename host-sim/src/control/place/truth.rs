@@ -150,7 +150,7 @@ proptest! {
         let moved: Vec<PlaceUser> = users.iter().map(|u| PlaceUser { pos_m: there(u.pos_m), ..*u }).collect();
         let (a, b) = (best_disk(&users).unwrap(), best_disk(&moved).unwrap());
         prop_assert_eq!(a.weight, b.weight);
-        prop_assert!((a.margin_m - b.margin_m).abs() < 1e-6);
+        prop_assert!((a.margin_m - b.margin_m).abs() < 1e-6, "{a:?} {b:?}");
         prop_assert_eq!(a.covered, b.covered);
         prop_assert!((there(a.pos_m) - b.pos_m).norm() < 1e-3);
     }
