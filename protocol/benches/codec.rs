@@ -18,7 +18,7 @@ const STATE: SharedState = SharedState {
 };
 
 fn peers() -> Down {
-    Down::Peers((1..=5).map(|drone| PeerState { drone: DroneId(drone), state: STATE }).collect())
+    Down::Peers((1..=4).map(|drone| PeerState { drone: DroneId(drone), state: STATE }).collect())
 }
 
 fn tdoa() -> Up {
@@ -35,7 +35,7 @@ fn tdoa() -> Up {
         pos: STATE.pos,
         mates: Vec::from_array([mate(1), mate(2)]),
     };
-    Up::Tdoa((0..3).map(entry).collect())
+    Up::Tdoa((0..2).map(entry).collect())
 }
 
 fn message<B: Body>(c: &mut Criterion, name: &str, message: &B) {
@@ -71,8 +71,8 @@ fn byte_link(c: &mut Criterion) {
 
 fn codec(c: &mut Criterion) {
     message(c, "shared_state", &Up::SharedState(STATE));
-    message(c, "peers_5", &peers());
-    message(c, "tdoa_3x2", &tdoa());
+    message(c, "peers_4", &peers());
+    message(c, "tdoa_2x2", &tdoa());
     byte_link(c);
 }
 

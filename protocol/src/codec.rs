@@ -1,15 +1,18 @@
 //! Frames of messages, and messages of frames.
 //!
-//! A frame is [`Header`], body and, where its flag is set, an authentication tag. A [`Sender`] numbers
-//! the frames of one link; [`decode`] takes any bytes and accepts only complete frames, each of which
-//! encodes back to the same bytes.
+//! A frame is [`Header`], body and, where its flag is set, an authentication tag. The body is the message
+//! in [postcard](https://postcard.jamesmunns.com/wire-format). A [`Sender`] numbers the frames of one
+//! link; [`decode`] takes any bytes and accepts only complete frames, each of which encodes back to the
+//! same bytes.
 
 use crate::PROTOCOL_VERSION;
 use crate::error::{DecodeError, EncodeError};
 use crate::header::{FLAG_TAG, HEADER_LEN, Header, Kind, TAG_LEN};
-use crate::message::{Down, Peer, Up};
+use crate::message::{Down, Layout, Peer, Up, longest};
 use crate::units::DroneId;
-use crate::wire::{Full, Reader, Wire, Writer, longest};
+use postcard::ser_flavors::Size;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// Bytes of the longest message.
 pub const MAX_BODY: usize = longest(&[Up::MAX_LEN, Down::MAX_LEN, Peer::MAX_LEN]);
@@ -33,7 +36,7 @@ pub enum Message {
 }
 
 /// What can stand in a frame: [`Up`], [`Down`] and [`Peer`].
-pub trait Body: Wire {
+pub trait Body: Serialize + DeserializeOwned {
     /// The kind that says so in the header.
     const KIND: Kind;
 }
@@ -68,11 +71,8 @@ pub struct Stamp {
 /// no frame.
 pub fn encode_into<B: Body>(stamp: &Stamp, body: &B, out: &mut [u8]) -> Result<usize, EncodeError> {
     // The body goes first: the header counts its bytes.
-    let (head, tail) = out.split_at_mut_checked(HEADER_LEN).ok_or(EncodeError::BufferTooSmall)?;
-    let room = tail.len();
-    let mut writer = Writer::new(tail);
-    body.write(&mut writer).map_err(|Full| EncodeError::BufferTooSmall)?;
-    let body_len = room - writer.remaining();
+    let (head, tail) = out.split_first_chunk_mut().ok_or(EncodeError::BufferTooSmall)?;
+    let body_len = postcard::to_slice(body, tail).map_err(|_| EncodeError::BufferTooSmall)?.len();
     let header = Header {
         version: PROTOCOL_VERSION,
         kind: B::KIND,
@@ -82,7 +82,7 @@ pub fn encode_into<B: Body>(stamp: &Stamp, body: &B, out: &mut [u8]) -> Result<u
         sequence: stamp.sequence,
         body_len: body_len as u16,
     };
-    header.write(&mut Writer::new(head)).map_err(|Full| EncodeError::BufferTooSmall)?;
+    *head = header.to_bytes();
     Ok(HEADER_LEN + body_len)
 }
 
@@ -129,11 +129,18 @@ pub fn decode(bytes: &[u8]) -> Result<(Header, Message), DecodeError> {
 }
 
 /// The message that is exactly `body`.
-#[inline(always)]
+///
+/// Postcard itself also reads varints padded with zeros, and lengths padded further on a 64-bit host than
+/// on a board. Padding makes the encoding longer and nothing else does, so the length tells: host and
+/// board accept the same bytes, and only those they would send.
 fn decode_body<B: Body>(body: &[u8]) -> Result<B, DecodeError> {
-    let mut input = Reader::new(body);
-    let message = B::read(&mut input).map_err(|_| DecodeError::Body)?;
-    if input.is_empty() { Ok(message) } else { Err(DecodeError::Body) }
+    let Ok((message, [])) = postcard::take_from_bytes(body) else {
+        return Err(DecodeError::Body);
+    };
+    match postcard::serialize_with_flavor(&message, Size::default()) {
+        Ok(len) if len == body.len() => Ok(message),
+        _ => Err(DecodeError::Body),
+    }
 }
 
 /// Numbers the frames of one sender on one link.

@@ -16,7 +16,6 @@
 
 use crate::error::DecodeError;
 use crate::units::DroneId;
-use crate::wire::{Full, Malformed, Reader, Wire, Writer};
 use crate::{MIN_PROTOCOL_VERSION, PROTOCOL_VERSION};
 
 /// First two bytes of every frame.
@@ -59,13 +58,13 @@ pub struct Header {
 }
 
 impl Header {
-    pub(crate) fn write(&self, out: &mut Writer<'_>) -> Result<(), Full> {
-        out.put(MAGIC)?;
-        out.put([self.version, self.kind as u8, self.flags])?;
-        self.sender.write(out)?;
-        self.boot_epoch.write(out)?;
-        self.sequence.write(out)?;
-        self.body_len.write(out)
+    pub(crate) const fn to_bytes(self) -> [u8; HEADER_LEN] {
+        let [m0, m1] = MAGIC;
+        let [id0, id1] = self.sender.0.to_le_bytes();
+        let [e0, e1] = self.boot_epoch.to_le_bytes();
+        let [s0, s1, s2, s3] = self.sequence.to_le_bytes();
+        let [l0, l1] = self.body_len.to_le_bytes();
+        [m0, m1, self.version, self.kind as u8, self.flags, id0, id1, e0, e1, s0, s1, s2, s3, l0, l1]
     }
 
     /// The header at the start of `bytes`.
@@ -74,13 +73,10 @@ impl Header {
     /// [`DecodeError`] `Truncated`, `Magic`, `Version`, `Kind` or `Flags`.
     pub fn read(bytes: &[u8]) -> Result<Self, DecodeError> {
         let bytes = bytes.first_chunk::<HEADER_LEN>().ok_or(DecodeError::Truncated)?;
-        let mut input = Reader::new(bytes);
-        let cut = |_: Malformed| DecodeError::Truncated; // cannot happen: the chunk is long enough
-        let magic: [u8; 2] = input.take().map_err(cut)?;
-        if magic != MAGIC {
+        let [m0, m1, version, kind, flags, id0, id1, e0, e1, s0, s1, s2, s3, l0, l1] = *bytes;
+        if [m0, m1] != MAGIC {
             return Err(DecodeError::Magic);
         }
-        let [version, kind, flags] = input.take().map_err(cut)?;
         if !(MIN_PROTOCOL_VERSION..=PROTOCOL_VERSION).contains(&version) {
             return Err(DecodeError::Version { found: version });
         }
@@ -97,10 +93,10 @@ impl Header {
             version,
             kind,
             flags,
-            sender: Wire::read(&mut input).map_err(cut)?,
-            boot_epoch: Wire::read(&mut input).map_err(cut)?,
-            sequence: Wire::read(&mut input).map_err(cut)?,
-            body_len: Wire::read(&mut input).map_err(cut)?,
+            sender: DroneId(u16::from_le_bytes([id0, id1])),
+            boot_epoch: u16::from_le_bytes([e0, e1]),
+            sequence: u32::from_le_bytes([s0, s1, s2, s3]),
+            body_len: u16::from_le_bytes([l0, l1]),
         })
     }
 }

@@ -1,7 +1,8 @@
 //! What crosses the radio between the drones and the control center of skyroost, and nothing else:
 //! messages with a fixed header in bounded frames, without allocation and without panics.
 //!
-//! - [`message`] says what can be said, [`wire`] how values become bytes;
+//! - [`message`] says what can be said; [postcard](https://postcard.jamesmunns.com/wire-format) writes it
+//!   as bytes, each value in the shortest of its encodings and no other;
 //! - [`header`] and [`codec`] make frames of messages and messages of frames;
 //! - [`session`] tells a receiver which frames are new, and how many were lost;
 //! - [`stream`] carries frames over byte links such as a UART.
@@ -18,7 +19,6 @@ pub mod message;
 pub mod session;
 pub mod stream;
 pub mod units;
-pub mod wire;
 
 pub use codec::{Body, Frame, MAX_BODY, MAX_FRAME, Message, Sender, Stamp, decode};
 pub use error::{DecodeError, EncodeError, StreamError};

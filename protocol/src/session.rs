@@ -44,7 +44,7 @@ pub struct ReceiverCounters {
     pub epochs: u32,
 }
 
-/// Remembers the last [`WINDOW`] sequence numbers of one sender on one link.
+/// Remembers the last 64 sequence numbers of one sender on one link.
 ///
 /// Numbers and epochs compare modulo their width (RFC 1982), so that both may wrap.
 #[derive(Clone, Debug, Default)]

@@ -28,7 +28,7 @@ fn body_len<B: Body>(message: &B) -> usize {
 
 #[test]
 fn up() {
-    let mate = MateTdoa { drone: DroneId(1), tdoa: TdoaPs(i32::MIN), pos: POS, flags: TdoaFlags(255) };
+    let mate = MateTdoa { drone: DroneId(u16::MAX), tdoa: TdoaPs(i32::MIN), pos: POS, flags: TdoaFlags(255) };
     let entry = TdoaEntry {
         occasion: OccasionId(u32::MAX),
         user: UserId(u32::MAX),
@@ -58,15 +58,15 @@ fn up() {
                 schema_hash: u32::MAX,
                 capture_tick_hz: u32::MAX,
             },
-            11,
+            13,
         ),
-        (Up::CommandAck { command: CommandId(u16::MAX), status }, 6),
+        (Up::CommandAck { command: CommandId(u16::MAX), status }, 8),
         (Up::Heartbeat, 1),
-        (Up::SharedState(STATE), 35),
-        (Up::Telemetry(telemetry), 37),
-        (Up::Attached(Attached { time: TIME, users: full(user) }), 154),
-        (Up::Tdoa(full(entry)), 203),
-        (Up::Event { code: EventCode::GoalReached, time: TIME, value: u32::MAX }, 14),
+        (Up::SharedState(STATE), 44),
+        (Up::Telemetry(telemetry), 47),
+        (Up::Attached(Attached { time: TIME, users: full(user) }), MAX_BODY),
+        (Up::Tdoa(full(entry)), 170),
+        (Up::Event { code: EventCode::GoalReached, time: TIME, value: u32::MAX }, 17),
     ];
     for (message, expected) in messages {
         assert_eq!(body_len(&message), expected, "{message:?}");
@@ -97,18 +97,18 @@ fn down() {
         LanePiece { mission: MissionId(u16::MAX), first: u16::MAX, waypoints_mm: full([i32::MIN, i32::MIN]) };
     let command = |command| Down::Command { id: CommandId(u16::MAX), command };
     let messages = [
-        (Down::Welcome { version: 255, schema_hash: u32::MAX }, 6),
+        (Down::Welcome { version: 255, schema_hash: u32::MAX }, 7),
         (Down::Heartbeat, 1),
-        (command(Command::UploadBegin(header)), 45),
-        (command(Command::UploadCommit { mission: MissionId(u16::MAX), lanes_crc: u32::MAX }), 10),
-        (command(Command::TakeOff), 4),
-        (command(Command::StartSweep { at: TIME }), 12),
-        (command(Command::Place { target: POS }), 16),
-        (command(Command::Hold), 4),
-        (command(Command::ReturnHome), 4),
-        (Down::LanePiece(piece), 134),
-        (Down::SrsRequest(request), 94),
-        (Down::Peers(full(PeerState { drone: DroneId(u16::MAX), state: STATE })), MAX_BODY),
+        (command(Command::UploadBegin(header)), 60),
+        (command(Command::UploadCommit { mission: MissionId(u16::MAX), lanes_crc: u32::MAX }), 13),
+        (command(Command::TakeOff), 5),
+        (command(Command::StartSweep { at: TIME }), 15),
+        (command(Command::Place { target: POS }), 20),
+        (command(Command::Hold), 5),
+        (command(Command::ReturnHome), 5),
+        (Down::LanePiece(piece), 168),
+        (Down::SrsRequest(request), 123),
+        (Down::Peers(full(PeerState { drone: DroneId(u16::MAX), state: STATE })), 186),
     ];
     for (message, expected) in messages {
         assert_eq!(body_len(&message), expected, "{message:?}");
@@ -121,7 +121,7 @@ fn peer() {
     let capture = CaptureEntry { occasion: OccasionId(u32::MAX), toa: TIME, pos: POS };
     let phase =
         Peer::SweepPhase { time: TIME, phase_um: i64::MIN, rate_mmps: u16::MAX, track_error_mm: u32::MAX };
-    for (message, expected) in [(Peer::Captures(full(capture)), 122), (phase, 23)] {
+    for (message, expected) in [(Peer::Captures(full(capture)), 152), (phase, 29)] {
         assert_eq!(body_len(&message), expected, "{message:?}");
         assert!(expected <= MAX_BODY);
     }

@@ -1,32 +1,85 @@
-//! The wire format of every message on one page: tags, fields and their order.
+//! What the compiler knows of every type on the wire: how long it can get, and a hash of its shape.
 //!
-//! [`wire`](crate::wire) says how each is written. Whatever changes here changes
-//! [`SCHEMA_HASH`] and one of the byte-golden tests.
+//! A body is [postcard](https://postcard.jamesmunns.com/wire-format): `u8` is a byte, wider integers are
+//! varints of 7 bits a byte, the lowest first (signed ones zigzag before), an enum is the number of its
+//! variant and the variant's fields, an [`Option`] a byte 0 or 1 and the value, a vector its length and
+//! its elements, an array its elements, a struct its fields in order.
+//!
+//! Types with more than one part are defined within [`wire!`], so that what is said here of a type cannot
+//! differ from what serde derives from the same definition.
 
-use super::{
-    AckStatus, Attached, AttachedUser, CaptureEntry, Command, Down, EventCode, FlightPhase, Heading,
-    LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME,
-    MAX_SRS_PER_REQUEST, MAX_TDOA_PER_FRAME, MateTdoa, MissionHeader, Peer, PeerState, SharedState,
-    SrsRequest, SrsRequestEntry, TdoaEntry, TdoaFlags, Telemetry, Up,
-};
+use super::{Down, Peer, TdoaFlags, Up};
 use crate::units::{
     CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps,
-};
-use crate::wire::{
-    Full, Malformed, Reader, Wire, Writer, longest, shape_of, wire_enum, wire_newtype, wire_struct, with_part,
 };
 use heapless::Vec;
 
 /// Hash over the shapes of all messages: both ends of a link compare it before anything else, because
-/// equal hashes mean equal tags, fields, types and capacities.
+/// equal hashes mean equal variants, fields, types and capacities.
 pub const SCHEMA_HASH: u32 = {
-    let shape = shape_of("skyroost");
+    let shape = shape_of("skyroost in postcard 1");
     let shape = with_part(shape, "up", Up::SHAPE);
     let shape = with_part(shape, "down", Down::SHAPE);
     with_part(shape, "peer", Peer::SHAPE)
 };
 
-wire_newtype! {
+/// A type that can stand on the wire.
+pub(crate) trait Layout {
+    /// Bytes of the longest encoding.
+    const MAX_LEN: usize;
+    /// Hash over names, order and types of everything within.
+    const SHAPE: u32;
+}
+
+impl Layout for u8 {
+    const MAX_LEN: usize = 1;
+    const SHAPE: u32 = shape_of("u8");
+}
+
+macro_rules! varints {
+    ($($int:ident),*) => {$(
+        impl Layout for $int {
+            const MAX_LEN: usize = ($int::BITS as usize).div_ceil(7);
+            const SHAPE: u32 = shape_of(stringify!($int));
+        }
+    )*};
+}
+
+varints!(u16, u32, i16, i32, i64);
+
+impl<T: Layout, const N: usize> Layout for [T; N] {
+    const MAX_LEN: usize = N * T::MAX_LEN;
+    const SHAPE: u32 = with_part(with_number(shape_of("array"), N), "element", T::SHAPE);
+}
+
+impl<T: Layout> Layout for Option<T> {
+    const MAX_LEN: usize = 1 + T::MAX_LEN;
+    const SHAPE: u32 = with_part(shape_of("option"), "some", T::SHAPE);
+}
+
+impl<T: Layout, const N: usize> Layout for Vec<T, N> {
+    const MAX_LEN: usize = {
+        assert!(N < 128, "the length is one byte of varint");
+        1 + N * T::MAX_LEN
+    };
+    const SHAPE: u32 = with_part(with_number(shape_of("vec"), N), "element", T::SHAPE);
+}
+
+/// Implements [`Layout`] for units, which postcard writes as what they hold. The compiler refuses a type
+/// that does not hold just that.
+macro_rules! units {
+    ($($name:ident($inner:ty);)*) => {$(
+        impl Layout for $name {
+            const MAX_LEN: usize = {
+                let _: fn($inner) -> Self = Self;
+                <$inner as Layout>::MAX_LEN
+            };
+            const SHAPE: u32 = with_part(shape_of(stringify!($name)), "0", <$inner as Layout>::SHAPE);
+        }
+    )*};
+}
+
+units! {
     DroneId(u16);
     FleetId(u16);
     UserId(u32);
@@ -40,131 +93,117 @@ wire_newtype! {
     TdoaFlags(u8);
 }
 
-// Drone to control center.
+/// Defines the structs and enums within and implements [`Layout`] for them.
+macro_rules! wire {
+    () => {};
+    (
+        $(#[$attribute:meta])*
+        pub struct $name:ident {
+            $($(#[$field_attribute:meta])* pub $field:ident: $ty:ty,)+
+        }
+        $($rest:tt)*
+    ) => {
+        $(#[$attribute])*
+        pub struct $name {
+            $($(#[$field_attribute])* pub $field: $ty,)+
+        }
 
-wire_enum!(Up {
-    0 = Hello { version_min: u8, version_max: u8, schema_hash: u32, capture_tick_hz: u32 },
-    1 = CommandAck { command: CommandId, status: AckStatus },
-    2 = Heartbeat,
-    3 = SharedState(state: SharedState),
-    4 = Telemetry(telemetry: Telemetry),
-    5 = Attached(page: Attached),
-    6 = Tdoa(entries: Vec<TdoaEntry, MAX_TDOA_PER_FRAME>),
-    7 = Event { code: EventCode, time: TimePs, value: u32 },
-});
+        impl $crate::message::layout::Layout for $name {
+            const MAX_LEN: usize = 0 $(+ <$ty as $crate::message::layout::Layout>::MAX_LEN)+;
+            const SHAPE: u32 = {
+                use $crate::message::layout::{shape_of, with_part};
+                let shape = shape_of(stringify!($name));
+                $(let shape = with_part(shape, stringify!($field), <$ty as $crate::message::layout::Layout>::SHAPE);)+
+                shape
+            };
+        }
 
-wire_enum!(AckStatus {
-    0 = Accepted,
-    1 = Incomplete { first_missing: u16 },
-    2 = WrongPhase,
-    3 = OutOfRange,
-    4 = Overridden,
-});
+        $crate::message::layout::wire! { $($rest)* }
+    };
+    (
+        $(#[$attribute:meta])*
+        pub enum $name:ident {
+            $(
+                $(#[$variant_attribute:meta])*
+                $variant:ident
+                $(($inner:ty))?
+                $({ $($(#[$field_attribute:meta])* $field:ident: $ty:ty,)+ })?
+            ,)+
+        }
+        $($rest:tt)*
+    ) => {
+        $(#[$attribute])*
+        pub enum $name {
+            $(
+                $(#[$variant_attribute])*
+                $variant
+                $(($inner))?
+                $({ $($(#[$field_attribute])* $field: $ty,)+ })?
+            ,)+
+        }
 
-wire_struct!(SharedState { time: TimePs, pos: PosEnuMm, vel: VelEnuMmps, error_radius_mm: u16 });
+        impl $crate::message::layout::Layout for $name {
+            const MAX_LEN: usize = {
+                use $crate::message::layout::longest;
+                let variants = [
+                    $(0 $(+ <$inner as $crate::message::layout::Layout>::MAX_LEN)? $($(+ <$ty as $crate::message::layout::Layout>::MAX_LEN)+)?),+
+                ];
+                assert!(variants.len() < 128, "the number of the variant is one byte of varint");
+                1 + longest(&variants)
+            };
+            const SHAPE: u32 = {
+                use $crate::message::layout::{shape_of, with_part};
+                let shape = shape_of(stringify!($name));
+                $(
+                    let shape = with_part(shape, stringify!($variant), shape_of("variant"));
+                    $(let shape = with_part(shape, "0", <$inner as $crate::message::layout::Layout>::SHAPE);)?
+                    $($(let shape = with_part(shape, stringify!($field), <$ty as $crate::message::layout::Layout>::SHAPE);)+)?
+                )+
+                shape
+            };
+        }
 
-wire_struct!(Telemetry {
-    time: TimePs,
-    phase: FlightPhase,
-    mission: Option<MissionId>,
-    sweep_phase_mm: u32,
-    track_error_mm: u32,
-    battery_permille: u16,
-    conditions: u16,
-    frames_lost: u32,
-    frames_rejected: u32,
-    dropped: u32,
-});
+        $crate::message::layout::wire! { $($rest)* }
+    };
+}
 
-wire_enum!(FlightPhase {
-    0 = Grounded,
-    1 = TakeOff,
-    2 = Hold,
-    3 = Sweep,
-    4 = GoTo,
-    5 = Serve,
-    6 = ReturnHome,
-    7 = Landing,
-});
+pub(crate) use wire;
 
-wire_struct!(Attached { time: TimePs, users: Vec<AttachedUser, MAX_ATTACHED_PER_FRAME> });
+/// The largest of the lengths, at compile time.
+pub(crate) const fn longest(lengths: &[usize]) -> usize {
+    let mut max = 0;
+    let mut i = 0;
+    while i < lengths.len() {
+        if lengths[i] > max {
+            max = lengths[i];
+        }
+        i += 1;
+    }
+    max
+}
 
-wire_struct!(AttachedUser { user: UserId, timing_advance: u16 });
+/// 32-bit FNV-1a, which needs no table at compile time.
+const fn fnv1a(mut hash: u32, bytes: &[u8]) -> u32 {
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u32).wrapping_mul(0x0100_0193);
+        i += 1;
+    }
+    hash
+}
 
-wire_struct!(TdoaEntry {
-    occasion: OccasionId,
-    user: UserId,
-    time: TimePs,
-    pos: PosEnuMm,
-    mates: Vec<MateTdoa, 2>,
-});
+/// Shape of a type without parts.
+pub(crate) const fn shape_of(name: &str) -> u32 {
+    fnv1a(0x811c_9dc5, name.as_bytes())
+}
 
-wire_struct!(MateTdoa { drone: DroneId, tdoa: TdoaPs, pos: PosEnuMm, flags: TdoaFlags });
+/// `shape` continued by a named part.
+pub(crate) const fn with_part(shape: u32, name: &str, part: u32) -> u32 {
+    // The zero keeps the end of the name apart from what follows.
+    fnv1a(fnv1a(fnv1a(shape, name.as_bytes()), &[0]), &part.to_le_bytes())
+}
 
-wire_enum!(EventCode {
-    0 = PhaseEntered,
-    1 = ConditionRaised,
-    2 = ConditionCleared,
-    3 = SweepDone,
-    4 = GoalReached,
-});
-
-// Control center to drone.
-
-wire_enum!(Down {
-    0 = Welcome { version: u8, schema_hash: u32 },
-    1 = Heartbeat,
-    2 = Command { id: CommandId, command: Command },
-    3 = LanePiece(piece: LanePiece),
-    4 = SrsRequest(request: SrsRequest),
-    5 = Peers(states: Vec<PeerState, MAX_PEERS_PER_FRAME>),
-});
-
-wire_enum!(Command {
-    0 = UploadBegin(header: MissionHeader),
-    1 = UploadCommit { mission: MissionId, lanes_crc: u32 },
-    2 = TakeOff,
-    3 = StartSweep { at: TimePs },
-    4 = Place { target: PosEnuMm },
-    5 = Hold,
-    6 = ReturnHome,
-});
-
-wire_struct!(MissionHeader {
-    mission: MissionId,
-    fleet: Option<FleetId>,
-    mates: [DroneId; 3],
-    slot: u8,
-    spacing_mm: u32,
-    heading: Heading,
-    orientation_mrad: i16,
-    speed_mmps: u16,
-    altitude_mm: u32,
-    home: PosEnuMm,
-    waypoints: u16,
-    d_safe_mm: u16,
-});
-
-wire_enum!(Heading { 0 = Fixed, 1 = AlongTrack });
-
-wire_struct!(LanePiece { mission: MissionId, first: u16, waypoints_mm: Vec<[i32; 2], MAX_LANE_PIECE> });
-
-wire_struct!(SrsRequest {
-    start: TimePs,
-    spacing: TimePs,
-    first_occasion: OccasionId,
-    entries: Vec<SrsRequestEntry, MAX_SRS_PER_REQUEST>,
-});
-
-wire_struct!(SrsRequestEntry { user: UserId, serving: DroneId });
-
-wire_struct!(PeerState { drone: DroneId, state: SharedState });
-
-// Among the drones of a fleet.
-
-wire_enum!(Peer {
-    0 = Captures(entries: Vec<CaptureEntry, MAX_CAPTURES_PER_FRAME>),
-    1 = SweepPhase { time: TimePs, phase_um: i64, rate_mmps: u16, track_error_mm: u32 },
-});
-
-wire_struct!(CaptureEntry { occasion: OccasionId, toa: TimePs, pos: PosEnuMm });
+/// `shape` continued by a number, such as a capacity.
+const fn with_number(shape: u32, number: usize) -> u32 {
+    fnv1a(shape, &(number as u32).to_le_bytes())
+}

@@ -2,9 +2,8 @@
 //! [`Peer`] among fleet mates.
 //!
 //! Every container is bounded, so the largest encoding of every message is known when the crate is
-//! compiled. The tags and the order of fields are listed in `layout.rs`, on one page: additions go to
-//! the end and raise [`PROTOCOL_VERSION`](crate::PROTOCOL_VERSION), and the byte-golden tests say so
-//! when one moves.
+//! compiled. The order of variants and fields is the order on the wire: additions go to the end and raise
+//! [`PROTOCOL_VERSION`](crate::PROTOCOL_VERSION), and the byte-golden tests say so when one moves.
 
 mod checksum;
 mod down;
@@ -18,6 +17,7 @@ pub use down::{
     MAX_WAYPOINTS, MissionHeader, PeerState, SrsRequest, SrsRequestEntry,
 };
 pub use layout::SCHEMA_HASH;
+pub(crate) use layout::{Layout, longest};
 pub use peer::{CaptureEntry, MAX_CAPTURES_PER_FRAME, Peer};
 pub use up::{
     AckStatus, Attached, AttachedUser, EventCode, FlightPhase, MAX_ATTACHED_PER_FRAME, MAX_TDOA_PER_FRAME,

@@ -1,5 +1,6 @@
 //! Drone to control center.
 
+use super::layout::wire;
 use crate::units::{CommandId, DroneId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -7,174 +8,191 @@ use serde::{Deserialize, Serialize};
 /// Most users in one [`Attached`] page.
 pub const MAX_ATTACHED_PER_FRAME: usize = 24;
 /// Most occasions in one TDOA report.
-pub const MAX_TDOA_PER_FRAME: usize = 3;
+pub const MAX_TDOA_PER_FRAME: usize = 2;
 
-/// What a drone tells the control center.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Up {
-    /// First word after boot, repeated until answered by [`Down::Welcome`](super::Down::Welcome).
-    Hello {
-        /// Oldest protocol version the drone speaks.
-        version_min: u8,
-        /// Newest protocol version the drone speaks.
-        version_max: u8,
-        /// Hash over the shapes of all messages: equal hashes read each other's bytes.
-        schema_hash: u32,
-        /// Ticks a second of the drone's SRS capture timer.
-        capture_tick_hz: u32,
-    },
-    /// Answer to every command, once executed or refused.
-    CommandAck {
-        /// The command answered.
-        command: CommandId,
-        /// What became of it.
-        status: AckStatus,
-    },
-    /// The link is alive; sent when nothing else was for a while.
-    Heartbeat,
-    /// Position and velocity for everybody's collision avoidance.
-    SharedState(SharedState),
-    /// State of the vehicle for the operator.
-    Telemetry(Telemetry),
-    /// Users that the drone's cell hears.
-    Attached(Attached),
-    /// Differences of arrival time, formed by the serving drone.
-    Tdoa(Vec<TdoaEntry, MAX_TDOA_PER_FRAME>),
-    /// Something happened that the operator should know.
-    Event {
-        /// What.
-        code: EventCode,
+wire! {
+    /// What a drone tells the control center.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub enum Up {
+        /// First word after boot, repeated until answered by [`Down::Welcome`](super::Down::Welcome).
+        Hello {
+            /// Oldest protocol version the drone speaks.
+            version_min: u8,
+            /// Newest protocol version the drone speaks.
+            version_max: u8,
+            /// Hash over the shapes of all messages: equal hashes read each other's bytes.
+            schema_hash: u32,
+            /// Ticks a second of the drone's SRS capture timer.
+            capture_tick_hz: u32,
+        },
+        /// Answer to every command, once executed or refused.
+        CommandAck {
+            /// The command answered.
+            command: CommandId,
+            /// What became of it.
+            status: AckStatus,
+        },
+        /// The link is alive; sent when nothing else was for a while.
+        Heartbeat,
+        /// Position and velocity for everybody's collision avoidance.
+        SharedState(SharedState),
+        /// State of the vehicle for the operator.
+        Telemetry(Telemetry),
+        /// Users that the drone's cell hears.
+        Attached(Attached),
+        /// Differences of arrival time, formed by the serving drone.
+        Tdoa(Vec<TdoaEntry, MAX_TDOA_PER_FRAME>),
+        /// Something happened that the operator should know.
+        Event {
+            /// What.
+            code: EventCode,
+            /// When.
+            time: TimePs,
+            /// Meaning depends on the code (see [`EventCode`]).
+            value: u32,
+        },
+    }
+
+    /// Position and velocity at a time, with the radius of the disk (a ball in 3D) that the true
+    /// position lies in (the paper's `r_s`).
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct SharedState {
+        /// When the state was measured.
+        pub time: TimePs,
+        /// Position.
+        pub pos: PosEnuMm,
+        /// Velocity.
+        pub vel: VelEnuMmps,
+        /// Error radius of the position, millimetres.
+        pub error_radius_mm: u16,
+    }
+
+    /// What became of a command.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub enum AckStatus {
+        /// Done, or begun where it takes time.
+        Accepted,
+        /// Lane pieces are missing; the first missing waypoint index follows.
+        Incomplete {
+            /// Index of the first missing waypoint.
+            first_missing: u16,
+        },
+        /// Not possible in the present phase.
+        WrongPhase,
+        /// A value is out of the range this drone can fly.
+        OutOfRange,
+        /// The supervisor has taken over and refuses.
+        Overridden,
+    }
+
+    /// Phase of the flight as the drone sees it.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+    pub enum FlightPhase {
+        /// On the ground, motors off.
+        #[default]
+        Grounded,
+        /// Climbing above the pad.
+        TakeOff,
+        /// Holding a position.
+        Hold,
+        /// Flying the lanes in formation.
+        Sweep,
+        /// Flying to a placement.
+        GoTo,
+        /// At the placement, serving users.
+        Serve,
+        /// Flying back to the pad, commanded or by the supervisor.
+        ReturnHome,
+        /// Descending above the pad.
+        Landing,
+    }
+
+    /// State of the vehicle for the operator, about once a second.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct Telemetry {
         /// When.
-        time: TimePs,
-        /// Meaning depends on the code (see [`EventCode`]).
-        value: u32,
-    },
-}
+        pub time: TimePs,
+        /// Phase of the flight.
+        pub phase: FlightPhase,
+        /// Mission in force, if any.
+        pub mission: Option<MissionId>,
+        /// Sweep phase: way flown along the lanes, millimetres.
+        pub sweep_phase_mm: u32,
+        /// Distance from the slot or goal, millimetres.
+        pub track_error_mm: u32,
+        /// Charge left, per mille.
+        pub battery_permille: u16,
+        /// Supervisor conditions in force, one bit each (`firmware::supervisor`).
+        pub conditions: u16,
+        /// Frames lost on the way down, counted from gaps in the sequence.
+        pub frames_lost: u32,
+        /// Frames refused by the decoder.
+        pub frames_rejected: u32,
+        /// Everything else the agent had to drop, clamp or refuse since boot.
+        pub dropped: u32,
+    }
 
-/// Position and velocity at a time, with the radius of the disk (a ball in 3D) that the true
-/// position lies in (the paper's `r_s`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SharedState {
-    /// When the state was measured.
-    pub time: TimePs,
-    /// Position.
-    pub pos: PosEnuMm,
-    /// Velocity.
-    pub vel: VelEnuMmps,
-    /// Error radius of the position, millimetres.
-    pub error_radius_mm: u16,
-}
+    /// One page of the users that the drone's cell hears.
+    #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct Attached {
+        /// When they were heard.
+        pub time: TimePs,
+        /// The users of this page.
+        pub users: Vec<AttachedUser, MAX_ATTACHED_PER_FRAME>,
+    }
 
-/// What became of a command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum AckStatus {
-    /// Done, or begun where it takes time.
-    Accepted,
-    /// Lane pieces are missing; the first missing waypoint index follows.
-    Incomplete {
-        /// Index of the first missing waypoint.
-        first_missing: u16,
-    },
-    /// Not possible in the present phase.
-    WrongPhase,
-    /// A value is out of the range this drone can fly.
-    OutOfRange,
-    /// The supervisor has taken over and refuses.
-    Overridden,
-}
+    /// A user that the cell hears.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct AttachedUser {
+        /// Who.
+        pub user: UserId,
+        /// One-way distance from the timing advance, in units of its step (39 m at 30 kHz subcarriers,
+        /// TS 38.213 4.2).
+        pub timing_advance: u16,
+    }
 
-/// Phase of the flight as the drone sees it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum FlightPhase {
-    /// On the ground, motors off.
-    #[default]
-    Grounded,
-    /// Climbing above the pad.
-    TakeOff,
-    /// Holding a position.
-    Hold,
-    /// Flying the lanes in formation.
-    Sweep,
-    /// Flying to a placement.
-    GoTo,
-    /// At the placement, serving users.
-    Serve,
-    /// Flying back to the pad, commanded or by the supervisor.
-    ReturnHome,
-    /// Descending above the pad.
-    Landing,
-}
+    /// One SRS occasion at the serving drone: the differences of its fleet mates' arrival times to its own.
+    #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct TdoaEntry {
+        /// The occasion.
+        pub occasion: OccasionId,
+        /// The user that transmitted.
+        pub user: UserId,
+        /// Arrival at the serving drone by its own clock.
+        pub time: TimePs,
+        /// Position of the serving drone at the arrival.
+        pub pos: PosEnuMm,
+        /// Fleet mates that captured the same transmission.
+        pub mates: Vec<MateTdoa, 2>,
+    }
 
-/// State of the vehicle for the operator, about once a second.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Telemetry {
-    /// When.
-    pub time: TimePs,
-    /// Phase of the flight.
-    pub phase: FlightPhase,
-    /// Mission in force, if any.
-    pub mission: Option<MissionId>,
-    /// Sweep phase: way flown along the lanes, millimetres.
-    pub sweep_phase_mm: u32,
-    /// Distance from the slot or goal, millimetres.
-    pub track_error_mm: u32,
-    /// Charge left, per mille.
-    pub battery_permille: u16,
-    /// Supervisor conditions in force, one bit each (`firmware::supervisor`).
-    pub conditions: u16,
-    /// Frames lost on the way down, counted from gaps in the sequence.
-    pub frames_lost: u32,
-    /// Frames refused by the decoder.
-    pub frames_rejected: u32,
-    /// Everything else the agent had to drop, clamp or refuse since boot.
-    pub dropped: u32,
-}
+    /// Difference of arrival time of one fleet mate to the serving drone.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct MateTdoa {
+        /// The fleet mate.
+        pub drone: DroneId,
+        /// Its arrival time by its own clock less the serving drone's by its own.
+        pub tdoa: TdoaPs,
+        /// Its position at the arrival.
+        pub pos: PosEnuMm,
+        /// What to know about the value.
+        pub flags: TdoaFlags,
+    }
 
-/// One page of the users that the drone's cell hears.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Attached {
-    /// When they were heard.
-    pub time: TimePs,
-    /// The users of this page.
-    pub users: Vec<AttachedUser, MAX_ATTACHED_PER_FRAME>,
-}
-
-/// A user that the cell hears.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct AttachedUser {
-    /// Who.
-    pub user: UserId,
-    /// One-way distance from the timing advance, in units of its step (39 m at 30 kHz subcarriers,
-    /// TS 38.213 4.2).
-    pub timing_advance: u16,
-}
-
-/// One SRS occasion at the serving drone: the differences of its fleet mates' arrival times to its own.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TdoaEntry {
-    /// The occasion.
-    pub occasion: OccasionId,
-    /// The user that transmitted.
-    pub user: UserId,
-    /// Arrival at the serving drone by its own clock.
-    pub time: TimePs,
-    /// Position of the serving drone at the arrival.
-    pub pos: PosEnuMm,
-    /// Fleet mates that captured the same transmission.
-    pub mates: Vec<MateTdoa, 2>,
-}
-
-/// Difference of arrival time of one fleet mate to the serving drone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct MateTdoa {
-    /// The fleet mate.
-    pub drone: DroneId,
-    /// Its arrival time by its own clock less the serving drone's by its own.
-    pub tdoa: TdoaPs,
-    /// Its position at the arrival.
-    pub pos: PosEnuMm,
-    /// What to know about the value.
-    pub flags: TdoaFlags,
+    /// What an event says.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+    pub enum EventCode {
+        /// Entered a phase of flight; value: the phase's number.
+        PhaseEntered,
+        /// A supervisor condition came up; value: its bit number.
+        ConditionRaised,
+        /// A supervisor condition cleared; value: its bit number.
+        ConditionCleared,
+        /// The lanes are flown; value: seconds since their start.
+        SweepDone,
+        /// At the commanded goal; value: distance to it in millimetres.
+        GoalReached,
+    }
 }
 
 /// What to know about a TDOA value; no bit set means nothing special.
@@ -190,19 +208,4 @@ impl TdoaFlags {
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
-}
-
-/// What an event says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum EventCode {
-    /// Entered a phase of flight; value: the phase's number.
-    PhaseEntered,
-    /// A supervisor condition came up; value: its bit number.
-    ConditionRaised,
-    /// A supervisor condition cleared; value: its bit number.
-    ConditionCleared,
-    /// The lanes are flown; value: seconds since their start.
-    SweepDone,
-    /// At the commanded goal; value: distance to it in millimetres.
-    GoalReached,
 }

@@ -25,20 +25,25 @@ where
     prop_oneof![vec(element.clone(), 0..=N), vec(element, N)].prop_map(|v| v.into_iter().collect())
 }
 
+/// Integers of every length on the wire, equally often: varints are short where values are small.
+fn any_length() -> impl Strategy<Value = i64> + Clone {
+    (any::<i64>(), 0..64_u32).prop_map(|(value, shift)| value >> shift)
+}
+
 fn id<T: std::fmt::Debug>(make: fn(u16) -> T) -> impl Strategy<Value = T> + Clone {
-    any::<u16>().prop_map(make)
+    (any::<u16>(), 0..16_u32).prop_map(move |(value, shift)| make(value >> shift))
 }
 
 fn id32<T: std::fmt::Debug>(make: fn(u32) -> T) -> impl Strategy<Value = T> + Clone {
-    any::<u32>().prop_map(make)
+    (any::<u32>(), 0..32_u32).prop_map(move |(value, shift)| make(value >> shift))
 }
 
 fn time() -> impl Strategy<Value = TimePs> + Clone {
-    any::<i64>().prop_map(TimePs)
+    any_length().prop_map(TimePs)
 }
 
 fn pos() -> impl Strategy<Value = PosEnuMm> + Clone {
-    any::<[i32; 3]>().prop_map(PosEnuMm)
+    [any_length(), any_length(), any_length()].prop_map(|mm| PosEnuMm(mm.map(|mm| mm as i32)))
 }
 
 fn state() -> impl Strategy<Value = SharedState> + Clone {
