@@ -215,13 +215,14 @@ impl Flight {
 
     fn run_control(&mut self) -> Result<(), MissionError> {
         let now_us = self.step * STEP_US as u64;
+        let now = TimePs::from_us(now_us as i64);
         let Self { control, islands, outbox, place_of, .. } = self;
         for drone in islands.iter_mut().flat_map(|island| &mut island.drones) {
             while let Some(bytes) = drone.uplink.poll(now_us) {
-                control.receive(drone.id, bytes, &mut |to, frame| outbox.push(to, frame))?;
+                control.receive(now, drone.id, bytes, &mut |to, frame| outbox.push(to, frame))?;
             }
         }
-        control.step(TimePs::from_us(now_us as i64), &mut |to, frame| outbox.push(to, frame))?;
+        control.step(now, &mut |to, frame| outbox.push(to, frame))?;
         for (to, frame) in outbox.frames() {
             let (island, member) = place_of[usize::from(to.0) - 1];
             islands[island].drones[member].downlink.send(now_us, frame);

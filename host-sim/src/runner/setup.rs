@@ -11,7 +11,7 @@ use crate::{
         localize::{ClockModel, LocalizeConfig},
         mission::plan::{MissionPlan, PlannedDrone, PlannedFleet},
         srs_schedule::SrsConfig,
-        sweep::{self, CornerModel, SweepPlan, SweepRequest},
+        sweep::{self, CornerModel, SubArea, SweepPlan, SweepRequest},
     },
     geometry::{V2, V3, polygon::Polygon},
     rng::Stream,
@@ -31,7 +31,7 @@ use crate::{
 use skyroost_firmware::{
     STEP_S,
     agent::FlightAgent,
-    config::AgentConfig,
+    config::{AgentConfig, SupervisorConfig},
     guidance::{
         formation::Slot,
         lanes::{CORNER_DEVIATION_M, LATERAL_ACCEL_MPS2, Lanes},
@@ -43,6 +43,8 @@ use skyroost_protocol::{
     units::{DroneId, TimePs},
 };
 
+/// Climb to the altitude of flight, metres a second.
+const CLIMB_MPS: f64 = 2.5;
 /// Avoidance plans with this much beyond `d_safe` and both error radii, metres.
 const GOAL_SLACK_M: f64 = 1.0;
 
@@ -71,6 +73,7 @@ impl Setup {
         let pads = Pads::new(scenario, &polygon);
         let sweep = sweep::plan(&polygon, &request(scenario, &pads)).map_err(InputError::from)?;
         let plan = mission_plan(scenario, &sweep, &pads);
+        check_endurance(scenario, &sweep, &plan)?;
         Ok(Self { sweep, plan, users, polygon })
     }
 }
@@ -89,7 +92,7 @@ impl Pads {
             corners.min_by(|a, b| (a.x + a.y).total_cmp(&(b.x + b.y))).unwrap_or_default()
         };
         let base_m = scenario.fleet.base_m.map_or_else(south_west, |[x, y]| V2::new(x, y));
-        Self { base_m, pitch_m: scenario.fleet.pad_spacing_m }
+        Self { base_m, pitch_m: scenario.fleet.pad_pitch_m() }
     }
 
     /// Centre of the `index`-th place.
@@ -121,6 +124,27 @@ fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
         margin_m: fleet.margin_m,
         entry_m: Some((0..fleets).map(|f| pads.centre_m(f)).collect()),
     }
+}
+
+/// Refuses a mission that the batteries do not last for: climb, transit and sweep on the charge that
+/// the supervisor allows, at cruise.
+fn check_endurance(scenario: &Scenario, sweep: &SweepPlan, plan: &MissionPlan) -> Result<(), RunError> {
+    let battery = BatteryConfig::default();
+    let low = f64::from(SupervisorConfig::default().battery_low_permille) * 1e-3;
+    let usable_s =
+        scenario.battery.endurance_s * (1.0 - battery.spread_fraction) * (1.0 - low) / battery.cruise_draw;
+    let needed_s = |sub: &SubArea| {
+        let transit_m = (sub.path_m[0] - plan.fleets[sub.fleet].waypoints_m[0]).norm();
+        plan.altitude_m / CLIMB_MPS + transit_m / plan.speed_mps + sub.duration_s
+    };
+    let longest_s = sweep.sub_areas.iter().map(needed_s).fold(0.0, f64::max);
+    if longest_s <= usable_s {
+        return Ok(());
+    }
+    Err(RunError::Infeasible(format!(
+        "the sweep takes {longest_s:.0} s with climb and transit, and the batteries last {usable_s:.0} s \
+         (battery.endurance_s less the reserve to return); more drones or a longer endurance would do"
+    )))
 }
 
 fn heading(scenario: &Scenario) -> Heading {

@@ -202,7 +202,8 @@ mod tests {
         watch.moved(1.0, &at(5.0));
         assert!((watch.least_m().unwrap() - 3.0).abs() < 1e-12);
         watch.moved(2.0, &at(15.0));
-        watch.moved(3.0, &at(5.0));
+        watch.moved(3.0, &at(25.0));
+        watch.moved(4.0, &at(5.0));
         assert_eq!(watch.violations(), 2, "two encounters");
     }
 

@@ -71,7 +71,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("fleet.radius_m", fleet.radius_m, MAX_LENGTH_M),
         ("fleet.speed_mps", fleet.speed_mps, MAX_SHORT_M),
         ("fleet.altitude_m", fleet.altitude_m, 10_000.0),
-        ("fleet.pad_spacing_m", fleet.pad_spacing_m, 1000.0),
+        ("fleet.pad_spacing_m", fleet.pad_pitch_m(), 10_000.0),
         ("fleet.d_safe_m", fleet.d_safe_m, MAX_SHORT_M),
         ("fleet.max_accel_mps2", fleet.max_accel_mps2, 50.0),
         ("srs.period_s", srs.period_s, 3600.0),
@@ -141,13 +141,13 @@ fn limits(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
 fn formation(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
     let fleet = &scenario.fleet;
     let least_m = fleet.d_safe_m + 2.0 * fleet.r_s_m;
-    for (field, spacing_m) in
-        [("fleet.spacing_m", fleet.spacing_m), ("fleet.pad_spacing_m", fleet.pad_spacing_m)]
-    {
-        require(spacing_m > least_m, source, field, spacing_m, || {
-            format!("more than fleet.d_safe_m + 2 fleet.r_s_m = {least_m}")
-        })?;
-    }
+    require(fleet.spacing_m > least_m, source, "fleet.spacing_m", fleet.spacing_m, || {
+        format!("more than fleet.d_safe_m + 2 fleet.r_s_m = {least_m}")
+    })?;
+    let least_m = least_m + fleet.spacing_m;
+    require(fleet.pad_pitch_m() > least_m, source, "fleet.pad_spacing_m", fleet.pad_pitch_m(), || {
+        format!("more than fleet.spacing_m + fleet.d_safe_m + 2 fleet.r_s_m = {least_m}")
+    })?;
     // Beyond sqrt(3) R_C the three disks have no point in common: the domain that (2) lacks.
     let most_m = 3_f64.sqrt() * fleet.radius_m;
     require(fleet.spacing_m <= most_m, source, "fleet.spacing_m", fleet.spacing_m, || {

@@ -111,9 +111,9 @@ pub struct FleetTable {
     /// East and north of the first take-off pad; without it the area's corner furthest to the
     /// south-west (least east + north).
     pub base_m: Option<[f64; 2]>,
-    /// Distance between the places where neighbouring fleets, or reserves, take off; a fleet stands in its
-    /// triangle.
-    pub pad_spacing_m: f64,
+    /// Distance between the places where neighbouring fleets, or reserves, take off, each fleet in its
+    /// triangle; three times `spacing_m` without it.
+    pub pad_spacing_m: Option<f64>,
     /// Separation that is never to be broken (the paper's `d_safe`).
     pub d_safe_m: f64,
     /// Error radius of a shared position (the paper's `r_s`).
@@ -136,12 +136,20 @@ impl Default for FleetTable {
             proportions: None,
             split: SplitMode::Auto,
             base_m: None,
-            pad_spacing_m: 150.0,
+            pad_spacing_m: None,
             d_safe_m: 10.0,
             r_s_m: 2.0,
             max_accel_mps2: 3.0,
             margin_m: 3.0,
         }
+    }
+}
+
+impl FleetTable {
+    /// Distance between neighbouring take-off places, metres.
+    #[must_use]
+    pub fn pad_pitch_m(&self) -> f64 {
+        self.pad_spacing_m.unwrap_or(3.0 * self.spacing_m)
     }
 }
 
@@ -330,7 +338,7 @@ pub struct BatteryTable {
 
 impl Default for BatteryTable {
     fn default() -> Self {
-        Self { endurance_s: 14_400.0 }
+        Self { endurance_s: 21_600.0 }
     }
 }
 

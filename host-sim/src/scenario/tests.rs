@@ -104,7 +104,7 @@ fn refusals_name_line_field_found_and_expected() {
         "[limits]\ncrlb_ratio_max = nan",
         // Not in keeping with each other.
         "[fleet]\nd_safe_m = 46",
-        "[fleet]\nd_safe_m = 20",
+        "[fleet]\npad_spacing_m = 60",
         "[fleet]\nspacing_m = 867",
         "[fleet]\nmargin_m = 480",
         "[fleet]\nproportions = [1.0]",

@@ -28,7 +28,7 @@ pub struct BatteryConfig {
 impl Default for BatteryConfig {
     fn default() -> Self {
         Self {
-            endurance_s: 14_400.0,
+            endurance_s: 21_600.0,
             cruise_draw: 1.05,
             cruise_mps: 10.0,
             idle_draw: 0.01,
@@ -142,8 +142,8 @@ mod tests {
     #[test]
     fn lasts_its_endurance() {
         let at = |air_speed_mps| Load::Flying { air_speed_mps };
-        assert_eq!(lasts_s(nominal(), at(0.0)), 14_400);
-        assert_eq!(lasts_s(nominal(), at(10.0)), (14_400.0_f64 / 1.05).ceil() as u32);
+        assert_eq!(lasts_s(nominal(), at(0.0)), 21_600);
+        assert_eq!(lasts_s(nominal(), at(10.0)), (21_600.0_f64 / 1.05).ceil() as u32);
         assert_eq!(lasts_s(nominal(), at(1e9)), lasts_s(nominal(), at(15.0)));
         assert!(lasts_s(nominal(), Load::Idle) >= 1_440_000);
     }
@@ -152,7 +152,7 @@ mod tests {
     fn charge_counts_down_from_a_thousand() {
         let mut battery = nominal();
         assert_eq!(battery.charge_permille(), 1000);
-        battery.step(Load::Flying { air_speed_mps: 0.0 }, 7200.0);
+        battery.step(Load::Flying { air_speed_mps: 0.0 }, 10800.0);
         assert_eq!(battery.charge_permille(), 500);
         battery.step(Load::Flying { air_speed_mps: 0.0 }, 1e6);
         assert_eq!((battery.charge_permille(), battery.is_empty()), (0, true));
@@ -162,7 +162,7 @@ mod tests {
     fn capacities_spread_within_their_bounds() {
         let lives = (0..200).map(|drone| Battery::new(&BatteryConfig::default(), 1, drone).capacity_s);
         let (low, high) = lives.fold((f64::MAX, 0.0_f64), |(low, high), s| (low.min(s), high.max(s)));
-        assert!((14_112.0..14_130.0).contains(&low) && (14_670.0..14_688.0).contains(&high), "{low} {high}");
+        assert!((21_168.0..21_195.0).contains(&low) && (22_005.0..22_032.0).contains(&high), "{low} {high}");
     }
 
     #[test]

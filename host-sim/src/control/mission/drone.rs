@@ -14,6 +14,8 @@ use std::collections::VecDeque;
 
 /// A command without an answer is repeated after this time: two ways of the radio and some.
 const REPEAT_AFTER: TimePs = TimePs::from_ms(600);
+/// Telemetry comes once a second; one may be lost.
+const TELEMETRY_FRESH: TimePs = TimePs::from_ms(2_500);
 /// Repetitions before the drone counts as unreachable.
 const MOST_REPEATS: u32 = 50;
 
@@ -65,6 +67,8 @@ pub struct DroneLink {
     queue: VecDeque<Command>,
     under_way: Option<UnderWay>,
     next_command: u16,
+    /// When the last acceptance came: telemetry from before may not know of the command.
+    accepted: TimePs,
     upload: Option<(MissionHeader, Vec<[i32; 2]>)>,
 }
 
@@ -82,6 +86,7 @@ impl DroneLink {
             queue: VecDeque::new(),
             under_way: None,
             next_command: 1,
+            accepted: TimePs(0),
             upload: None,
         }
     }
@@ -91,10 +96,12 @@ impl DroneLink {
         &mut self.receiver
     }
 
-    /// Phase of flight by its last telemetry.
+    /// Phase of flight by telemetry that knows of every command given and is not stale; none while a
+    /// command is under way or nothing fresh was heard.
     #[must_use]
-    pub fn phase(&self) -> Option<FlightPhase> {
-        self.telemetry.map(|t| t.phase)
+    pub fn phase(&self, now: TimePs) -> Option<FlightPhase> {
+        let fresh = |t: &Telemetry| t.time > self.accepted && now.since(t.time) < TELEMETRY_FRESH;
+        self.telemetry.filter(|t| self.idle() && fresh(t)).map(|t| t.phase)
     }
 
     /// The next frame with this message.
@@ -131,11 +138,13 @@ impl DroneLink {
     /// When the drone refuses for good.
     pub fn acknowledged(
         &mut self,
+        now: TimePs,
         id: CommandId,
         status: AckStatus,
         mut send: impl FnMut(Frame),
     ) -> Result<(), DroneFailure> {
         let Some(under_way) = self.under_way.take_if(|u| u.id == id) else { return Ok(()) };
+        self.accepted = now;
         match (status, under_way.command) {
             (AckStatus::Accepted, Command::UploadBegin(_)) => self.send_lanes(0, &mut send),
             (AckStatus::Accepted, _) => {}
@@ -224,10 +233,10 @@ mod tests {
         assert!(matches!(first[..], [Message::Down(Down::Command { id: CommandId(1), .. })]));
         assert!(sent(&mut link, 100).is_empty());
         assert_eq!(sent(&mut link, 700), first);
-        link.acknowledged(CommandId(1), AckStatus::Accepted, |_| {}).unwrap();
-        link.acknowledged(CommandId(1), AckStatus::Accepted, |_| {}).unwrap(); // late twin
+        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, |_| {}).unwrap();
+        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, |_| {}).unwrap(); // late twin
         assert!(matches!(sent(&mut link, 720)[..], [Message::Down(Down::Command { id: CommandId(2), .. })]));
-        let refused = link.acknowledged(CommandId(2), AckStatus::WrongPhase, |_| {}).unwrap_err();
+        let refused = link.acknowledged(TimePs(0), CommandId(2), AckStatus::WrongPhase, |_| {}).unwrap_err();
         assert_eq!(refused.to_string(), "drone 1 refused hold: WrongPhase");
     }
 

@@ -21,13 +21,16 @@ use plan::MissionPlan;
 use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
-    message::{Down, EventCode, MAX_PEERS_PER_FRAME, PeerState, TdoaEntry, TdoaFlags, Up},
+    message::{Down, EventCode, FlightPhase, MAX_PEERS_PER_FRAME, PeerState, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs},
 };
 use thiserror::Error;
 
 /// Neighbours whose state is relayed to each drone.
 pub const RELAYED_NEIGHBOURS: usize = 32;
+
+/// Every so often it is looked up anew who is near whom.
+const NEIGHBOURS_PERIOD: TimePs = TimePs::from_ms(1_000);
 
 /// What the control center is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -84,6 +87,16 @@ pub enum MissionError {
         version_max: u8,
         /// Its schema.
         schema_hash: u32,
+    },
+    /// A drone of a fleet left the sweep by itself: its supervisor had a reason.
+    #[error("drone {drone} left the sweep: it is {phase:?}, conditions {conditions:#b}")]
+    LeftSweep {
+        /// Which drone.
+        drone: u16,
+        /// What it does instead.
+        phase: FlightPhase,
+        /// Its supervisor's conditions, one bit each.
+        conditions: u16,
     },
     /// A stage took longer than it can.
     #[error("stage '{stage}' did not end within {limit_s} s: {waiting}")]
@@ -154,6 +167,7 @@ pub struct ControlCenter {
     occasion_ids: Vec<OccasionId>,
     relay: Relay,
     relay_due: TimePs,
+    neighbours_due: TimePs,
     relay_positions: Vec<V3>,
     relay_drones: Vec<usize>,
     sweep_started: Option<TimePs>,
@@ -182,6 +196,7 @@ impl ControlCenter {
             occasion_ids: Vec::new(),
             relay: Relay::new(RELAYED_NEIGHBOURS),
             relay_due: TimePs(0),
+            neighbours_due: TimePs(0),
             relay_positions: Vec::new(),
             relay_drones: Vec::new(),
             sweep_started: None,
@@ -259,12 +274,13 @@ impl ControlCenter {
         &self.counters
     }
 
-    /// Takes in a frame from the link of `from`.
+    /// Takes in a frame that came at `now` on the link of `from`.
     ///
     /// # Errors
     /// When the drone refuses a command or speaks another protocol.
     pub fn receive(
         &mut self,
+        now: TimePs,
         from: DroneId,
         bytes: &[u8],
         send: &mut impl FnMut(DroneId, &[u8]),
@@ -291,7 +307,7 @@ impl ControlCenter {
                 send(from, &frame);
             }
             Up::CommandAck { command, status } => {
-                drone.acknowledged(command, status, |frame| send(from, &frame))?;
+                drone.acknowledged(now, command, status, |frame| send(from, &frame))?;
             }
             Up::Heartbeat => {}
             Up::SharedState(state) => {
@@ -328,6 +344,10 @@ impl ControlCenter {
         }
         if now >= self.relay_due {
             self.relay_due = now.after(self.plan.relay_period);
+            if now >= self.neighbours_due {
+                self.neighbours_due = now.after(NEIGHBOURS_PERIOD);
+                self.find_neighbours();
+            }
             self.relay_states(send);
         }
         if self.stage == Stage::Sweep {
@@ -350,9 +370,8 @@ impl ControlCenter {
         self.reported.resize(self.scheduled.len(), false);
     }
 
-    /// Relays to each drone the states of its nearest neighbours (paper section 3.3: drones share
-    /// location and velocity through the control center).
-    fn relay_states(&mut self, send: &mut impl FnMut(DroneId, &[u8])) {
+    /// Who is near whom: looked up anew once a second, in which two drones come 24 m closer at most.
+    fn find_neighbours(&mut self) {
         self.relay_positions.clear();
         self.relay_drones.clear();
         for (index, drone) in self.drones.iter().enumerate() {
@@ -362,6 +381,11 @@ impl ControlCenter {
             }
         }
         self.relay.update(&self.relay_positions);
+    }
+
+    /// Relays to each drone the states of its nearest neighbours (paper section 3.3: drones share
+    /// location and velocity through the control center).
+    fn relay_states(&mut self, send: &mut impl FnMut(DroneId, &[u8])) {
         for (row, &index) in self.relay_drones.iter().enumerate() {
             for neighbours in self.relay.neighbours(row).chunks(MAX_PEERS_PER_FRAME) {
                 let states = neighbours.iter().filter_map(|&other| {

@@ -1,6 +1,6 @@
 //! From stage to stage: what each waits for, what it begins with, how long it may take.
 
-use super::{ControlCenter, MissionError, Stage, Target, pos_m};
+use super::{ControlCenter, MissionError, Stage, Target, drone::DroneLink, pos_m};
 use crate::{
     control::{
         assign::assign,
@@ -29,12 +29,14 @@ impl ControlCenter {
             Stage::Connect => self.drones.iter().all(|d| d.connected).then_some(Stage::Upload),
             Stage::Upload => self.drones.iter().all(|d| d.idle()).then_some(Stage::TakeOff),
             Stage::TakeOff => self.fleets_in(FlightPhase::Hold, now).then_some(Stage::Sweep),
-            Stage::Sweep => (self.sweep_started.is_some_and(|start| now > start)
-                && self.fleets_in(FlightPhase::Hold, now))
-            .then_some(Stage::Collect),
+            Stage::Sweep => {
+                self.check_sweepers(now)?;
+                let started = self.sweep_started.is_some_and(|start| now > start);
+                (started && self.fleets_in(FlightPhase::Hold, now)).then_some(Stage::Collect)
+            }
             Stage::Collect => (now.since(self.stage_since) >= COLLECT_FOR).then_some(Stage::Deploy),
             Stage::Deploy => {
-                self.send_off();
+                self.send_off(now);
                 self.deployed(now).then_some(Stage::Serve)
             }
             Stage::Serve => None,
@@ -79,20 +81,36 @@ impl ControlCenter {
         if now.since(self.stage_since).0 as f64 * 1e-12 <= limit_s {
             return Ok(());
         }
-        let waiting: Vec<String> =
-            self.drones.iter().map(|d| format!("drone {} {:?}", d.id.0, d.phase())).collect();
+        let waiting: Vec<String> = self
+            .drones
+            .iter()
+            .map(|d| format!("drone {} {:?}", d.id.0, d.telemetry.map(|t| t.phase)))
+            .collect();
         Err(MissionError::Stuck { stage: self.stage.name(), limit_s, waiting: waiting.join(", ") })
+    }
+
+    /// Links of the drones in fleets.
+    fn members(&self) -> impl Iterator<Item = &DroneLink> {
+        let drones = self.plan.drones.iter().zip(&self.drones);
+        drones.filter(|(planned, _)| planned.fleet.is_some()).map(|(_, link)| link)
     }
 
     /// Whether every drone of a fleet has done what it was told and says that it is in `phase` now.
     fn fleets_in(&self, phase: FlightPhase, now: TimePs) -> bool {
-        let fresh = |d: &super::DroneLink| {
-            d.telemetry.is_some_and(|t| t.phase == phase && now.since(t.time) < TimePs::from_ms(2_500))
-                && d.telemetry.is_some_and(|t| t.time > self.stage_since)
-        };
-        let members =
-            self.plan.drones.iter().zip(&self.drones).filter(|(planned, _)| planned.fleet.is_some());
-        members.map(|(_, link)| link).all(|link| link.idle() && fresh(link))
+        self.members().all(|link| link.phase(now) == Some(phase))
+    }
+
+    /// A drone that turned home on its own ends the mission: its fleet cannot locate anybody.
+    fn check_sweepers(&self, now: TimePs) -> Result<(), MissionError> {
+        for link in self.members() {
+            if let (Some(phase), Some(telemetry)) = (link.phase(now), link.telemetry)
+                && !matches!(phase, FlightPhase::Hold | FlightPhase::Sweep)
+            {
+                let conditions = telemetry.conditions;
+                return Err(MissionError::LeftSweep { drone: link.id.0, phase, conditions });
+            }
+        }
+        Ok(())
     }
 
     fn command_fleets(&mut self, command: &Command) {
@@ -188,15 +206,12 @@ impl ControlCenter {
     }
 
     /// Sends every drone that is ready to its site: reserves climb first.
-    fn send_off(&mut self) {
+    fn send_off(&mut self, now: TimePs) {
         let targets = std::mem::take(&mut self.targets);
         for target in &targets {
             let Some(goal_m) = self.site_m(target) else { continue };
             let drone = &mut self.drones[target.drone];
-            if !drone.idle() {
-                continue;
-            }
-            match drone.phase() {
+            match drone.phase(now) {
                 Some(FlightPhase::Grounded) => drone.command(Command::TakeOff),
                 Some(FlightPhase::Hold) => {
                     let [x, y, z] =
@@ -211,12 +226,8 @@ impl ControlCenter {
 
     fn deployed(&self, now: TimePs) -> bool {
         self.targets.iter().all(|target| {
-            let drone = &self.drones[target.drone];
             let wanted = if target.site.is_some() { FlightPhase::Serve } else { FlightPhase::Grounded };
-            drone.idle()
-                && drone
-                    .telemetry
-                    .is_some_and(|t| t.phase == wanted && now.since(t.time) < TimePs::from_ms(2_500))
+            self.drones[target.drone].phase(now) == Some(wanted)
         })
     }
 }
