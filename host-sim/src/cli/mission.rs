@@ -165,7 +165,7 @@ fn write_results(
     json: &str,
     cancel: &AtomicBool,
 ) -> Result<(), Failure> {
-    let Outcome { summary, recording } = outcome;
+    let Outcome { summary, recording, .. } = outcome;
     let files: [(&str, &WriteFile<'_>); 5] = [
         (SUMMARY_FILE, &|file| file.write_all(json.as_bytes())),
         (USERS_FILE, &|file| Ok(tables::write_users(recording, file)?)),

@@ -99,7 +99,7 @@ impl<B: Board> Drone<B> {
         }
     }
 
-    /// Everything the board learns at `step`, but for the frames of fleet mates.
+    /// Everything the board learns at `step` but for frames.
     pub(super) fn sense(&mut self, step: u64, users: &PointGrid, user_pos_m: &[V3]) {
         let now_us = step * STEP_US as u64;
         let now_ps = TimePs::from_us(now_us as i64).0;
@@ -118,12 +118,6 @@ impl<B: Board> Drone<B> {
                 self.captures_dropped += 1;
             }
         }
-        while !inputs.frames.is_full()
-            && let Some(bytes) = self.downlink.poll(now_us)
-        {
-            let frame = Frame::from_slice(bytes).expect("a link carries frames");
-            inputs.frames.push(frame).expect("there was room");
-        }
         // Drones report at different moments of the second.
         if (step + 7 * u64::from(self.id.0)).is_multiple_of(ATTACH_STEPS)
             && self.vehicle.motion() == Motion::Flying
@@ -135,6 +129,11 @@ impl<B: Board> Drone<B> {
         inputs.attached.extend(self.attached.drain(..page));
     }
 
+    /// Frames of the control center that are due.
+    pub(super) fn receive(&mut self, now_us: u64) {
+        take_frames(&mut self.downlink, now_us, &mut self.inputs);
+    }
+
     fn hear_users(&mut self, users: &PointGrid, user_pos_m: &[V3]) {
         let pos_m = self.vehicle.pos_enu_m();
         self.attached.clear();
@@ -144,21 +143,23 @@ impl<B: Board> Drone<B> {
         }));
     }
 
-    /// One step of the board, and its frames for the control center on their way.
+    /// One step of the board.
     pub(super) fn think(&mut self, step: u64) -> Result<(), BoardError> {
-        let now_us = step * STEP_US as u64;
-        let now = TimePs::from_us(now_us as i64);
         self.outputs.clear();
-        self.board.step(now, &self.inputs, &mut self.outputs)?;
+        self.board.step(TimePs::from_us(step as i64 * STEP_US), &self.inputs, &mut self.outputs)
+    }
+
+    /// The board's outputs go where they belong, but for frames to fleet mates.
+    pub(super) fn send(&mut self, now_us: u64) {
         self.digest.add(&self.outputs);
         for frame in &self.outputs.uplink {
             self.uplink.send(now_us, frame);
         }
         if !self.gates.is_empty() || !self.outputs.srs_gates.is_empty() {
+            let now = TimePs::from_us(now_us as i64);
             self.gates.retain(|gate| now.since(gate.at) <= GATE_OPEN);
             self.gates.extend(self.outputs.srs_gates.iter().copied());
         }
-        Ok(())
     }
 
     /// One step of the body.
@@ -187,5 +188,15 @@ impl<B: Board> Drone<B> {
     pub(super) fn capture(&mut self, gate: &SrsGate, arrival_ps: i64) {
         let ticks = self.clock.ticks(arrival_ps, self.tick_hz) as u32;
         self.captured.push(Capture { occasion: gate.occasion, ticks });
+    }
+}
+
+/// Takes the frames that are due off a link, as many as the step has room for; the others wait.
+pub(super) fn take_frames(link: &mut Link<MAX_FRAME>, now_us: u64, inputs: &mut Inputs) {
+    while !inputs.frames.is_full()
+        && let Some(bytes) = link.poll(now_us)
+    {
+        let frame = Frame::from_slice(bytes).expect("a link carries frames");
+        inputs.frames.push(frame).expect("there was room");
     }
 }

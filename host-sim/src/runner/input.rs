@@ -64,6 +64,9 @@ pub struct Outcome {
     pub summary: Summary,
     /// Its tracks, users and events.
     pub recording: Recording,
+    /// Where the wall-clock time of the flight went: parts and their shares, summing to 1. Not part of the
+    /// results, as it differs from run to run.
+    pub shares: Vec<(&'static str, f64)>,
 }
 
 impl Outcome {

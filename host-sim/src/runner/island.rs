@@ -3,7 +3,7 @@
 //! Between two words of the control center islands have nothing to do with each other, so they may
 //! run on different cores; inside an island drones go in step.
 
-use super::drone::Drone;
+use super::drone::{Drone, take_frames};
 use crate::{
     fleet::{Board, BoardError},
     geometry::V3,
@@ -11,9 +11,10 @@ use crate::{
 };
 use skyroost_firmware::{STEP_US, io::SrsGate};
 use skyroost_protocol::{
-    codec::{Frame, MAX_FRAME},
+    codec::MAX_FRAME,
     units::{DroneId, OccasionId, TimePs},
 };
+use std::time::{Duration, Instant};
 
 /// What all islands share and none changes.
 pub(super) struct Surroundings {
@@ -33,32 +34,85 @@ pub(super) struct Island<B> {
     pub(super) late: Vec<(OccasionId, DroneId)>,
     /// True positions after each step of the window, drone by drone.
     pub(super) positions_m: Vec<V3>,
+    /// Where the time of timed windows went.
+    pub(super) times: IslandTimes,
+}
+
+/// Where the wall-clock time of an island's timed windows went.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct IslandTimes {
+    pub(super) world: Duration,
+    pub(super) links: Duration,
+    pub(super) agents: Duration,
+}
+
+/// Reads the clock only where that is wanted: a reading costs as much as a tenth of a step.
+struct Stopwatch<const TIMED: bool> {
+    last: Option<Instant>,
+}
+
+impl<const TIMED: bool> Stopwatch<TIMED> {
+    fn start() -> Self {
+        Self { last: TIMED.then(Instant::now) }
+    }
+
+    fn lap(&mut self, sum: &mut Duration) {
+        if let Some(last) = &mut self.last {
+            let now = Instant::now();
+            *sum += now - *last;
+            *last = now;
+        }
+    }
 }
 
 impl<B: Board> Island<B> {
     pub(super) fn new(drones: Vec<Drone<B>>, links: Vec<Link<MAX_FRAME>>) -> Self {
         assert_eq!(links.len(), drones.len() * drones.len(), "a link for every ordered pair");
-        Self { drones, links, grants: Vec::new(), late: Vec::new(), positions_m: Vec::new() }
+        Self {
+            drones,
+            links,
+            grants: Vec::new(),
+            late: Vec::new(),
+            positions_m: Vec::new(),
+            times: IslandTimes::default(),
+        }
     }
 
-    /// Steps `first..first + count`.
-    pub(super) fn run(&mut self, first: u64, count: u64, around: &Surroundings) -> Result<(), BoardError> {
+    /// Steps `first..first + count`; with `TIMED` says where the time goes.
+    pub(super) fn run<const TIMED: bool>(
+        &mut self,
+        first: u64,
+        count: u64,
+        around: &Surroundings,
+    ) -> Result<(), BoardError> {
         self.positions_m.clear();
+        let mut watch = Stopwatch::<TIMED>::start();
         for step in first..first + count {
             let now_us = step * STEP_US as u64;
+            for drone in &mut self.drones {
+                drone.sense(step, &around.users, &around.user_pos_m);
+            }
+            watch.lap(&mut self.times.world);
             for receiver in 0..self.drones.len() {
-                self.drones[receiver].sense(step, &around.users, &around.user_pos_m);
+                self.drones[receiver].receive(now_us);
                 self.deliver(receiver, now_us);
             }
+            watch.lap(&mut self.times.links);
+            for drone in &mut self.drones {
+                drone.think(step)?;
+            }
+            watch.lap(&mut self.times.agents);
             for sender in 0..self.drones.len() {
-                self.drones[sender].think(step)?;
+                self.drones[sender].send(now_us);
                 self.broadcast(sender, now_us);
             }
+            watch.lap(&mut self.times.links);
             self.transmit(now_us, around);
             for drone in &mut self.drones {
                 drone.fly();
                 self.positions_m.push(drone.vehicle.pos_enu_m());
             }
+            watch.lap(&mut self.times.world);
         }
         Ok(())
     }
@@ -68,13 +122,7 @@ impl<B: Board> Island<B> {
         let count = self.drones.len();
         let inputs = &mut self.drones[receiver].inputs;
         for sender in (0..count).filter(|&s| s != receiver) {
-            let link = &mut self.links[sender * count + receiver];
-            while !inputs.frames.is_full()
-                && let Some(bytes) = link.poll(now_us)
-            {
-                let frame = Frame::from_slice(bytes).expect("a link carries frames");
-                inputs.frames.push(frame).expect("there was room");
-            }
+            take_frames(&mut self.links[sender * count + receiver], now_us, inputs);
         }
     }
 

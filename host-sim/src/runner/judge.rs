@@ -73,7 +73,7 @@ pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Re
         phases: flight.phases,
         drones: flight.tracks,
     };
-    Ok(Outcome { summary, recording })
+    Ok(Outcome { summary, recording, shares: Vec::new() })
 }
 
 /// An event for people.

@@ -22,7 +22,7 @@ use crate::{
     world::link::LinkCounters,
 };
 use digest::Digest;
-use island::{Island, Surroundings};
+use island::{Island, IslandTimes, Surroundings};
 use rayon::prelude::*;
 use setup::Setup;
 use skyroost_firmware::{STEP_US, agent::FlightAgent};
@@ -56,8 +56,9 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
     pool.install(|| {
         let mut flight = Flight::new(input, &setup);
         flight.run(input, options)?;
-        let simulated_s = flight.now_s();
+        let (simulated_s, shares) = (flight.now_s(), flight.shares());
         let mut outcome = judge::outcome(input, &setup, flight)?;
+        outcome.shares = shares;
         outcome.finish(&input.scenario, simulated_s, started.elapsed());
         Ok(outcome)
     })
@@ -78,7 +79,9 @@ struct Flight {
     outbox: Outbox,
     /// Island and place in it of each drone, by id.
     place_of: Vec<(usize, usize)>,
-    shares: Shares,
+    /// Wall-clock time of timed windows.
+    control_time: Duration,
+    watch_time: Duration,
 }
 
 /// Frames of the control center to be put on the links.
@@ -106,30 +109,8 @@ impl Outbox {
     }
 }
 
-/// Where the wall-clock time of a flight went, sampled: reading the clock costs a tenth of a window.
-#[derive(Clone, Copy, Debug, Default)]
-struct Shares {
-    control: Duration,
-    islands: Duration,
-    watch: Duration,
-}
-
 /// One window in so many is timed; odd, so that it takes turns with what happens every so many windows.
 const TIMED_WINDOW: u64 = 17;
-
-impl Shares {
-    fn clock(&self, step: u64) -> Option<Instant> {
-        (step / WINDOW_STEPS).is_multiple_of(TIMED_WINDOW).then(Instant::now)
-    }
-
-    fn add(&mut self, controlled: Option<Duration>, flown: Option<Duration>, watched: Option<Duration>) {
-        if let (Some(controlled), Some(flown), Some(watched)) = (controlled, flown, watched) {
-            self.control += controlled;
-            self.islands += flown - controlled;
-            self.watch += watched - flown;
-        }
-    }
-}
 
 impl Flight {
     fn new(input: &MissionInput, setup: &Setup) -> Self {
@@ -159,7 +140,8 @@ impl Flight {
             window_m: vec![pads_m; WINDOW_STEPS as usize],
             outbox: Outbox::default(),
             place_of,
-            shares: Shares::default(),
+            control_time: Duration::ZERO,
+            watch_time: Duration::ZERO,
         }
     }
 
@@ -175,17 +157,21 @@ impl Flight {
         self.note_phase();
         self.record_tracks();
         while self.now_s() < cut_off_s {
-            let clock = self.shares.clock(self.step);
+            let timed = (self.step / WINDOW_STEPS).is_multiple_of(TIMED_WINDOW);
+            let clock = timed.then(Instant::now);
             let stage = self.control.stage();
             self.run_control()?;
             if self.control.stage() != stage {
                 self.note_phase();
             }
             let controlled = clock.map(|clock| clock.elapsed());
-            self.run_islands()?;
+            self.run_islands(timed)?;
             let flown = clock.map(|clock| clock.elapsed());
             self.watch();
-            self.shares.add(controlled, flown, clock.map(|clock| clock.elapsed()));
+            if let (Some(clock), Some(controlled), Some(flown)) = (clock, controlled, flown) {
+                self.control_time += controlled;
+                self.watch_time += clock.elapsed() - flown;
+            }
             if self.step.is_multiple_of(50) {
                 self.record_tracks();
                 let fraction = (self.now_s() / expected_s).min(0.99);
@@ -231,9 +217,15 @@ impl Flight {
         Ok(())
     }
 
-    fn run_islands(&mut self) -> Result<(), RunError> {
+    fn run_islands(&mut self, timed: bool) -> Result<(), RunError> {
         let (first, around) = (self.step, &self.around);
-        let run = |island: &mut Island<FlightAgent>| island.run(first, WINDOW_STEPS, around);
+        let run = |island: &mut Island<FlightAgent>| {
+            if timed {
+                island.run::<true>(first, WINDOW_STEPS, around)
+            } else {
+                island.run::<false>(first, WINDOW_STEPS, around)
+            }
+        };
         if self.tracks.len() >= PARALLEL_FROM_DRONES {
             self.islands.par_iter_mut().try_for_each(run)?;
         } else {
@@ -312,6 +304,21 @@ impl Flight {
     /// Captures that came late, by occasion and drone.
     fn late(&self) -> BTreeSet<(u32, u16)> {
         self.islands.iter().flat_map(|island| &island.late).map(|(o, d)| (o.0, d.0)).collect()
+    }
+
+    /// Where the time of the flight went, as shares of the timed windows.
+    fn shares(&self) -> Vec<(&'static str, f64)> {
+        let islands = |part: fn(&IslandTimes) -> Duration| self.islands.iter().map(|i| part(&i.times)).sum();
+        let parts: [(&'static str, Duration); 5] = [
+            ("world", islands(|t| t.world)),
+            ("agents", islands(|t| t.agents)),
+            ("link", islands(|t| t.links)),
+            ("control center", self.control_time),
+            ("measuring", self.watch_time),
+        ];
+        let total: Duration = parts.iter().map(|(_, time)| time).sum();
+        let share = |time: Duration| time.as_secs_f64() / total.as_secs_f64().max(f64::MIN_POSITIVE);
+        parts.map(|(name, time)| (name, share(time))).to_vec()
     }
 
     /// Digest over all drones in order of id.

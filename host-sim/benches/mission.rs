@@ -1,0 +1,42 @@
+//! How fast the default mission flies on one thread, and where the time goes.
+//!
+//! Not criterion's kind of bench: one run takes seconds and says more than a sample of microseconds. The best
+//! of a few runs counts, as everything else that a machine does only ever makes a run slower.
+
+use skyroost_host_sim::{
+    geometry::{V2, polygon::Polygon},
+    runner::{MissionArea, MissionInput, RunOptions, fly},
+    scenario::LoadedScenario,
+};
+use std::sync::atomic::AtomicBool;
+
+const RUNS: u32 = 5;
+
+fn main() {
+    let corners = [[0.0, 0.0], [10_000.0, 0.0], [10_000.0, 10_000.0], [0.0, 10_000.0]].map(V2::from);
+    let polygon = Polygon::new(&corners).expect("a square is a polygon");
+    let input = MissionInput {
+        scenario: LoadedScenario::paper().scenario,
+        area: MissionArea { polygon, origin_lon_lat_deg: None },
+        users: None,
+    };
+    let cancel = AtomicBool::new(false);
+    let options = RunOptions { threads: 1, cancel: &cancel, progress: &|_| {} };
+    let mut best: Option<(f64, f64, Vec<(&str, f64)>)> = None;
+    for run in 1..=RUNS {
+        let outcome = fly(&input, &options).expect("the default mission flies");
+        let timing = &outcome.summary.timing;
+        println!("run {run}: {:.2} s, {:.0} x real time", timing.wall_s, timing.realtime_factor);
+        if best.as_ref().is_none_or(|(factor, ..)| timing.realtime_factor > *factor) {
+            best = Some((timing.realtime_factor, timing.wall_s, outcome.shares));
+        }
+    }
+    let (factor, wall_s, shares) = best.expect("there were runs");
+    println!(
+        "\ndefault mission, 6 drones, one thread: {factor:.0} x real time ({wall_s:.2} s), best of {RUNS}"
+    );
+    println!("of the stepping loop:");
+    for (part, share) in shares {
+        println!("  {part:<15}{:5.1} %", 100.0 * share);
+    }
+}
