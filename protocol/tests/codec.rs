@@ -55,6 +55,20 @@ proptest! {
         }
     }
 
+    /// A varint padded with a zero byte says the same in more bytes, and is refused.
+    #[test]
+    fn refuses_padding(stamp in stamp(), message in message(), at: prop::sample::Index) {
+        let frame = frame_of(&stamp, &message);
+        let body_len = frame.len() - HEADER_LEN;
+        let at = HEADER_LEN + at.index(body_len);
+        prop_assume!(frame[at] < 0x80 && body_len < MAX_BODY);
+        let mut bytes = frame.to_vec();
+        bytes[at] |= 0x80;
+        bytes.insert(at + 1, 0);
+        bytes[13..HEADER_LEN].copy_from_slice(&(body_len as u16 + 1).to_le_bytes());
+        prop_assert_eq!(decode(&bytes), Err(DecodeError::Body));
+    }
+
     #[test]
     fn survives_any_bytes(bytes in vec(any::<u8>(), 0..2 * MAX_FRAME)) {
         let _ = decode(&bytes);

@@ -46,6 +46,7 @@ pub fn binary() -> &'static Path {
 ///
 /// # Panics
 /// When it cannot be started, or dies of a signal.
+#[must_use]
 pub fn run(words: &[&str]) -> (Output, TempDir) {
     let out = TempDir::new().expect("a temporary directory");
     let mut command = Command::new(binary());
@@ -57,6 +58,7 @@ pub fn run(words: &[&str]) -> (Output, TempDir) {
 ///
 /// # Panics
 /// When it ends with anything but a verdict (status 0 or 1), naming the command that replays it.
+#[must_use]
 pub fn fly(words: &[&str]) -> Flown {
     let replay = format!("cargo run --release -- mission {}", words.join(" "));
     let (output, out) = run(words);

@@ -77,6 +77,9 @@ impl FleetSchedule {
 
     /// When a period begins, calls `send` with its requests (each goes to all three drones). Occasion
     /// numbers are the indices of `scheduled`, which grows by them.
+    ///
+    /// # Panics
+    /// Never: batches are cut to fit a request.
     pub fn step(&mut self, now: TimePs, scheduled: &mut Vec<Scheduled>, mut send: impl FnMut(SrsRequest)) {
         if now < *self.next_period.get_or_insert(now) {
             return;

@@ -1,6 +1,6 @@
 //! Holds the flight against the truth: figures for the summary, records for the report.
 
-use super::{Flight, MissionInput, Outcome, RunError, setup::Setup};
+use super::{Flight, MissionInput, Outcome, RunError, setup::Setup, watch::FleetWatch};
 use crate::{
     control::{
         localize::{FixStatus, LocalizeConfig, Occasion, UserFix, crlb, crlb_ratio},
@@ -32,7 +32,7 @@ pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Re
     let placement = users.placement(setup, &flight, &sites)?;
     let counters = flight.link_counters();
     let (squares_m2, samples) =
-        flight.fleets.iter().map(|f| f.errors()).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        flight.fleets.iter().map(FleetWatch::errors).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
     let summary = Summary {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
@@ -46,7 +46,7 @@ pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Re
             min_separation_m: flight.separation.least_m(),
             violations: flight.separation.violations(),
             formation_error_rms_m: if samples == 0 { 0.0 } else { (squares_m2 / samples as f64).sqrt() },
-            formation_error_max_m: flight.fleets.iter().map(|f| f.max_error_m()).fold(0.0, f64::max),
+            formation_error_max_m: flight.fleets.iter().map(FleetWatch::max_error_m).fold(0.0, f64::max),
         },
         link: LinkSummary {
             frames: counters.sent,
@@ -112,9 +112,9 @@ fn sweep(
     setup: &Setup,
     flight: &Flight,
 ) -> (SweepSummary, Vec<Vec<[f64; 2]>>) {
-    let stadiums: Vec<_> = flight.fleets.iter().flat_map(|fleet| fleet.stadiums()).collect();
+    let stadiums: Vec<_> = flight.fleets.iter().flat_map(FleetWatch::stadiums).collect();
     let coverage = covered(&setup.polygon, &stadiums);
-    let durations = flight.fleets.iter().map(|fleet| fleet.duration_s());
+    let durations = flight.fleets.iter().map(FleetWatch::duration_s);
     // A fleet that did not come to the end of its lanes has swept until now.
     let duration_s = durations.map(|d| d.unwrap_or(flight.now_s())).fold(0.0, f64::max);
     let summary = SweepSummary {

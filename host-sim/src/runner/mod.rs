@@ -1,7 +1,7 @@
 //! Flies a mission: the world, the flight code and the control center in step.
 //!
-//! Time goes in windows of [`WINDOW_STEPS`] steps. At the start of each the control center takes in what
-//! has arrived and sends what it has to say; then every island of drones ([`island`]) runs through the
+//! Time goes in windows of two steps. At the start of each the control center takes in what
+//! has arrived and sends what it has to say; then every island of drones (a fleet, or a reserve alone) runs through the
 //! window on its own, on whatever core is free. Nothing that an island does depends on another one within a
 //! window, so the bytes that come out do not depend on the number of threads.
 

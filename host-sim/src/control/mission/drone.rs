@@ -118,6 +118,9 @@ impl DroneLink {
     }
 
     /// Gives the mission: announcement, lanes, commit.
+    ///
+    /// # Panics
+    /// When the header does not count the lanes: a caller's mistake.
     pub fn upload(&mut self, header: MissionHeader, waypoints_mm: Vec<[i32; 2]>) {
         assert_eq!(usize::from(header.waypoints), waypoints_mm.len(), "the header counts the lanes");
         let lanes_crc = lanes_crc(&waypoints_mm);

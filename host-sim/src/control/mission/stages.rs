@@ -27,7 +27,7 @@ impl ControlCenter {
     pub(super) fn advance(&mut self, now: TimePs) -> Result<(), MissionError> {
         let next = match self.stage {
             Stage::Connect => self.drones.iter().all(|d| d.connected).then_some(Stage::Upload),
-            Stage::Upload => self.drones.iter().all(|d| d.idle()).then_some(Stage::TakeOff),
+            Stage::Upload => self.drones.iter().all(DroneLink::idle).then_some(Stage::TakeOff),
             Stage::TakeOff => self.fleets_in(FlightPhase::Hold, now).then_some(Stage::Sweep),
             Stage::Sweep => {
                 self.check_sweepers(now)?;
