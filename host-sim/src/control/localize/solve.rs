@@ -10,13 +10,13 @@ use super::robust::Loss;
 
 /// The noise is first taken this many times larger than it is, then less and less (graduated non-convexity,
 /// Blake & Zisserman 1987): the start is off by some 100 ns, and a capture that far off must not be thrown out.
-const SCALES: [f64; 5] = [32.0, 16.0, 8.0, 4.0, 2.0];
+const SCALES: [f64; 4] = [32.0, 12.0, 5.0, 2.0];
 /// Steps per scale before the last.
 const STEPS_PER_SCALE: u32 = 2;
 /// Steps at the true noise.
 const MOST_STEPS: u32 = 30;
 /// Occasions per user that suffice for the first iterations.
-const FIRST_OCCASIONS: usize = 24;
+const FIRST_OCCASIONS: usize = 12;
 /// Converged when a step is expected to lower the cost by less than this per user: a thirtieth of a standard
 /// deviation; that step is still taken.
 const TOLERANCE_PER_USER: f64 = 5e-4;
@@ -130,7 +130,7 @@ impl<'a> Solver<'a> {
                 let mut pos_m = state.pos_m.clone();
                 pos_m[u] = start;
                 let mut trial = self.start(pos_m);
-                for scale in &SCALES[2..] {
+                for scale in &SCALES[1..] {
                     self.minimise(&mut trial, *scale, STEPS_PER_SCALE, false);
                 }
                 self.minimise(&mut trial, 1.0, MOST_STEPS, false);
