@@ -54,11 +54,13 @@ impl PeerTable {
     /// neighbour heard longest ago.
     pub fn update(&mut self, relayed: &PeerState, counters: &mut Counters) {
         let state = relayed.state;
-        let vector = |mm: [i32; 3]| Vec3::from(mm.map(m_from_mm));
         let peer = Peer {
             drone: relayed.drone,
             time: state.time,
-            state: Mover { pos_enu_m: vector(state.pos.0), vel_enu_mps: vector(state.vel.0) },
+            state: Mover {
+                pos_enu_m: Vec3::from(state.pos.0.map(m_from_mm)),
+                vel_enu_mps: Vec3::from(state.vel.mps()),
+            },
             error_radius_m: m_from_mm(i32::from(state.error_radius_mm)),
         };
         if let Some(known) = self.peers.iter_mut().find(|p| p.drone == peer.drone) {

@@ -17,7 +17,7 @@ fn main() {
     let polygon = Polygon::new(&corners).expect("a square is a polygon");
     let input = MissionInput {
         scenario: LoadedScenario::paper().scenario,
-        area: MissionArea { polygon, origin_lon_lat_deg: None },
+        area: MissionArea { name: "the paper's square".to_owned(), polygon, origin_lon_lat_deg: None },
         users: None,
     };
     let cancel = AtomicBool::new(false);

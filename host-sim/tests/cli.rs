@@ -199,7 +199,6 @@ fn empty_files_and_coordinates_that_are_no_numbers_are_refused() {
 }
 
 #[test]
-#[ignore = "needs the sweep planner behind `runner::fly`"]
 fn an_area_smaller_than_a_swath_is_refused() {
     let bench = Bench::new().file("yard.csv", "x_m,y_m\n0,0\n100,0\n100,100\n0,100\n");
     bench.refused(&["--area", "yard.csv"], &["yard.csv", "swath"]);
@@ -286,7 +285,6 @@ fn a_full_stdout_is_an_error_and_no_panic() {
 
 #[test]
 #[cfg(unix)]
-#[ignore = "needs a mission that takes longer than the interrupt: the flying `runner::fly`"]
 fn an_interrupt_exits_130_and_leaves_nothing() {
     let bench = Bench::new();
     for signal in ["-INT", "-TERM"] {

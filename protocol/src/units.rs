@@ -92,9 +92,23 @@ pub struct TdoaPs(pub i32);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct PosEnuMm(pub [i32; 3]);
 
-/// A velocity in millimetres a second: east, north, up.
+/// A velocity in millimetres a second: east, north, up; saturates at 32.767 m/s each way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct VelEnuMmps(pub [i32; 3]);
+pub struct VelEnuMmps(pub [i16; 3]);
+
+impl VelEnuMmps {
+    /// From metres a second, rounded; NaN becomes 0.
+    #[must_use]
+    pub fn from_mps(mps: [f32; 3]) -> Self {
+        Self(mps.map(|v| mm_from_m(v).clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16))
+    }
+
+    /// In metres a second.
+    #[must_use]
+    pub fn mps(self) -> [f32; 3] {
+        self.0.map(|v| m_from_mm(i32::from(v)))
+    }
+}
 
 /// Metres to millimetres, rounded half away from zero, saturating; NaN becomes 0.
 #[must_use]

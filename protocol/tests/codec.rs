@@ -55,18 +55,20 @@ proptest! {
         }
     }
 
-    /// A varint padded with a zero byte says the same in more bytes, and is refused.
+    /// A varint padded with a zero byte says the same in more bytes. It is refused, unless the byte
+    /// padded was none of a varint and another message came of it.
     #[test]
     fn refuses_padding(stamp in stamp(), message in message(), at: prop::sample::Index) {
-        let frame = frame_of(&stamp, &message);
-        let body_len = frame.len() - HEADER_LEN;
-        let at = HEADER_LEN + at.index(body_len);
-        prop_assume!(frame[at] < 0x80 && body_len < MAX_BODY);
-        let mut bytes = frame.to_vec();
+        let mut bytes = frame_of(&stamp, &message).to_vec();
+        let ends: Vec<usize> = (HEADER_LEN..bytes.len()).filter(|at| bytes[*at] < 0x80).collect();
+        let at = ends[at.index(ends.len())];
         bytes[at] |= 0x80;
         bytes.insert(at + 1, 0);
-        bytes[13..HEADER_LEN].copy_from_slice(&(body_len as u16 + 1).to_le_bytes());
-        prop_assert_eq!(decode(&bytes), Err(DecodeError::Body));
+        let body_len = (bytes.len() - HEADER_LEN) as u16;
+        bytes[13..HEADER_LEN].copy_from_slice(&body_len.to_le_bytes());
+        if let Ok((_, read)) = decode(&bytes) {
+            prop_assert_eq!(&frame_of(&stamp, &read)[..], &bytes[..]);
+        }
     }
 
     #[test]

@@ -14,7 +14,7 @@ use skyroost_protocol::{Body, HEADER_LEN, MAX_BODY, Stamp};
 const TIME: TimePs = TimePs(i64::MAX);
 const POS: PosEnuMm = PosEnuMm([i32::MIN; 3]);
 const STATE: SharedState =
-    SharedState { time: TIME, pos: POS, vel: VelEnuMmps([i32::MIN; 3]), error_radius_mm: u16::MAX };
+    SharedState { time: TIME, pos: POS, vel: VelEnuMmps([i16::MIN; 3]), error_radius_mm: u16::MAX };
 
 /// A vector with no room left.
 fn full<T: Clone, const N: usize>(element: T) -> heapless::Vec<T, N> {
@@ -62,7 +62,7 @@ fn up() {
         ),
         (Up::CommandAck { command: CommandId(u16::MAX), status }, 8),
         (Up::Heartbeat, 1),
-        (Up::SharedState(STATE), 44),
+        (Up::SharedState(STATE), 38),
         (Up::Telemetry(telemetry), 47),
         (Up::Attached(Attached { time: TIME, users: full(user) }), MAX_BODY),
         (Up::Tdoa(full(entry)), 170),
@@ -108,7 +108,7 @@ fn down() {
         (command(Command::ReturnHome), 5),
         (Down::LanePiece(piece), 168),
         (Down::SrsRequest(request), 123),
-        (Down::Peers(full(PeerState { drone: DroneId(u16::MAX), state: STATE })), 186),
+        (Down::Peers(full(PeerState { drone: DroneId(u16::MAX), state: STATE })), 202),
     ];
     for (message, expected) in messages {
         assert_eq!(body_len(&message), expected, "{message:?}");

@@ -60,7 +60,7 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (1, 0x477c_a76a));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (1, 0x3bc0_cb0a));
     assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 204, 16, 235, 242));
 }
 

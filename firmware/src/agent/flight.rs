@@ -151,8 +151,9 @@ impl Flight {
     }
 
     /// Events since the last call.
-    pub(super) fn take_events(&mut self) -> Vec<(EventCode, u32), 4> {
-        core::mem::take(&mut self.events)
+    pub(super) fn drain_events(&mut self, mut emit: impl FnMut(EventCode, u32)) {
+        self.events.iter().for_each(|(code, value)| emit(*code, *value));
+        self.events.clear();
     }
 
     fn enter(&mut self, mode: Mode) {

@@ -136,9 +136,8 @@ impl FlightAgent {
         let mut vel = limited(avoided.vel_enu_mps, limits.max_speed_mps);
         vel.z = vel.z.clamp(-limits.max_vertical_mps, limits.max_vertical_mps);
         let accel_enu_mps2 = if avoided.active { Vec3::zeros() } else { accel };
-        for event in self.flight.take_events() {
-            self.transmitter.event(now, event.0, event.1, outputs, &mut self.counters);
-        }
+        let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
+        self.flight.drain_events(|code, value| transmitter.event(now, code, value, outputs, counters));
         Setpoint { motors: self.flight.airborne(), vel_enu_mps: vel, accel_enu_mps2 }
     }
 

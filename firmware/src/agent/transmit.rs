@@ -7,8 +7,8 @@ use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Body, Frame, MAX_FRAME, Sender},
     message::{
-        Attached, AttachedUser, CaptureEntry, EventCode, FlightPhase, MAX_CAPTURES_PER_FRAME,
-        MAX_TDOA_PER_FRAME, Peer, SharedState, TdoaEntry, Telemetry, Up,
+        Attached, AttachedUser, EventCode, FlightPhase, MAX_CAPTURES_PER_FRAME, MAX_TDOA_PER_FRAME, Peer,
+        SharedState, TdoaEntry, Telemetry, Up,
     },
     units::{DroneId, PosEnuMm, TimePs, VelEnuMmps, mm_from_m},
 };
@@ -115,7 +115,7 @@ impl FlightAgent {
                 let state = SharedState {
                     time,
                     pos: PosEnuMm(nav.pos_enu_m.map(mm_from_m).into()),
-                    vel: VelEnuMmps(nav.vel_enu_mps.map(mm_from_m).into()),
+                    vel: VelEnuMmps::from_mps(nav.vel_enu_mps.into()),
                     error_radius_mm: mm_from_m(nav.error_radius_m).clamp(0, i32::from(u16::MAX)) as u16,
                 };
                 links.up(&Up::SharedState(state), outputs, counters);
@@ -142,11 +142,11 @@ impl FlightAgent {
     /// Captures for the fleet mates that serve, and differences for the control center.
     fn send_measurements(&mut self, now: TimePs, outputs: &mut Outputs) {
         let (links, counters) = (&mut self.transmitter, &mut self.counters);
-        for captures in self.srs.take_for_mates().chunks(MAX_CAPTURES_PER_FRAME) {
-            if let Ok(captures) = Vec::<CaptureEntry, MAX_CAPTURES_PER_FRAME>::from_slice(captures) {
+        self.srs.drain_for_mates(MAX_CAPTURES_PER_FRAME, |captures| {
+            if let Ok(captures) = Vec::from_slice(captures) {
                 links.tell_mates(&Peer::Captures(captures), outputs, counters);
             }
-        }
+        });
         let mut batch: Vec<TdoaEntry, MAX_TDOA_PER_FRAME> = Vec::new();
         self.srs.drain_tdoa(now, |entry| {
             let _ = batch.push(entry); // never full: sent as soon as it is

@@ -91,9 +91,10 @@ impl Srs {
         self.occasions.step(now, me, |gate| outputs.srs_gates.push(gate).is_ok());
     }
 
-    /// Captures of occasions that a fleet mate serves, handed over once.
-    pub fn take_for_mates(&mut self) -> Vec<CaptureEntry, MAX_CAPTURES_PER_STEP> {
-        core::mem::take(&mut self.for_mates)
+    /// Captures of occasions that a fleet mate serves, handed over once, in slices of at most `size`.
+    pub fn drain_for_mates(&mut self, size: usize, mut emit: impl FnMut(&[CaptureEntry])) {
+        self.for_mates.chunks(size).for_each(&mut emit);
+        self.for_mates.clear();
     }
 
     /// Differences that are complete, or as complete as they will be.

@@ -37,9 +37,14 @@ fn area(scenario: &Scenario) -> Result<MissionArea, InputError> {
     if let Some(file) = &table.file {
         let area = Area::read(file)?;
         let origin_lon_lat_deg = area.frame.map(|frame| frame.origin_lon_lat_deg());
-        return Ok(MissionArea { polygon: area.polygon, origin_lon_lat_deg });
+        return Ok(MissionArea {
+            name: file.display().to_string(),
+            polygon: area.polygon,
+            origin_lon_lat_deg,
+        });
     }
     let (east, north) = (table.width_m, table.height_m);
     let corners = [[0.0, 0.0], [east, 0.0], [east, north], [0.0, north]].map(V2::from);
-    Ok(MissionArea { polygon: Polygon::new(&corners)?, origin_lon_lat_deg: None })
+    let name = "area.width_m and area.height_m".to_owned();
+    Ok(MissionArea { name, polygon: Polygon::new(&corners)?, origin_lon_lat_deg: None })
 }

@@ -29,6 +29,8 @@ pub struct MissionInput {
 /// The area to sweep.
 #[derive(Clone, Debug)]
 pub struct MissionArea {
+    /// Where it comes from: its file, or the scenario's keys.
+    pub name: String,
     /// In metres from the local origin.
     pub polygon: Polygon,
     /// Longitude and latitude of the local origin, when the area came in WGS84.
@@ -122,6 +124,11 @@ pub enum InputError {
     #[error(transparent)]
     Users(#[from] UsersError),
     /// The area cannot be swept as asked.
-    #[error("area: {0}")]
-    Sweep(#[from] SweepError),
+    #[error("{area}: {source}")]
+    Sweep {
+        /// Where the area comes from.
+        area: String,
+        /// What is wrong with it.
+        source: SweepError,
+    },
 }

@@ -71,7 +71,8 @@ impl Setup {
             }
         };
         let pads = Pads::new(scenario, &polygon);
-        let sweep = sweep::plan(&polygon, &request(scenario, &pads)).map_err(InputError::from)?;
+        let sweep = sweep::plan(&polygon, &request(scenario, &pads))
+            .map_err(|source| InputError::Sweep { area: input.area.name.clone(), source })?;
         let plan = mission_plan(scenario, &sweep, &pads);
         check_endurance(scenario, &sweep, &plan)?;
         Ok(Self { sweep, plan, users, polygon })

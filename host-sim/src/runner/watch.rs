@@ -146,14 +146,16 @@ impl FleetWatch {
         }
         self.leg = self.lanes.leg_at(self.phase_um, self.leg);
         let Some(point) = self.lanes.at(self.phase_um, self.leg) else { return };
-        for (slot, pos) in self.slots.iter().zip(&pos_m) {
+        // On the way to the lanes fleets may have to avoid each other.
+        let on_lanes = self.phase_um >= self.lanes_from_um;
+        for (slot, pos) in self.slots.iter().zip(&pos_m).filter(|_| on_lanes) {
             let place = slot.reference(&point, 0.0, 0.0, self.altitude_m as f32).pos_enu_m.map(f64::from);
             let error_m = (pos - place).norm();
             self.squares_m2 += error_m * error_m;
             self.samples += 1;
             self.max_m = self.max_m.max(error_m);
         }
-        if self.phase_um >= self.lanes_from_um {
+        if on_lanes {
             self.began_s.get_or_insert(t_s);
         }
         // Half a metre from the end the drones hold; what remains is creep.

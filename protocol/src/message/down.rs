@@ -11,7 +11,7 @@ pub const MAX_WAYPOINTS: usize = 512;
 /// Most waypoints in one lane piece.
 pub const MAX_LANE_PIECE: usize = 16;
 /// Most neighbours in one frame of relayed states.
-pub const MAX_PEERS_PER_FRAME: usize = 4;
+pub const MAX_PEERS_PER_FRAME: usize = 5;
 /// Most occasions in one SRS request.
 pub const MAX_SRS_PER_REQUEST: usize = 12;
 

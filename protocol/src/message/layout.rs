@@ -89,7 +89,7 @@ units! {
     TimePs(i64);
     TdoaPs(i32);
     PosEnuMm([i32; 3]);
-    VelEnuMmps([i32; 3]);
+    VelEnuMmps([i16; 3]);
     TdoaFlags(u8);
 }
 

@@ -47,7 +47,7 @@ fn pos() -> impl Strategy<Value = PosEnuMm> + Clone {
 }
 
 fn state() -> impl Strategy<Value = SharedState> + Clone {
-    (time(), pos(), any::<[i32; 3]>(), any::<u16>()).prop_map(|(time, pos, vel, error_radius_mm)| {
+    (time(), pos(), any::<[i16; 3]>(), any::<u16>()).prop_map(|(time, pos, vel, error_radius_mm)| {
         SharedState { time, pos, vel: VelEnuMmps(vel), error_radius_mm }
     })
 }

@@ -2,7 +2,7 @@
 //! repeated until they are acknowledged.
 
 use skyroost_protocol::{
-    codec::{Frame, Sender},
+    codec::{MAX_FRAME, Sender},
     message::{
         AckStatus, Command, Down, FlightPhase, LanePiece, MAX_LANE_PIECE, MissionHeader, SharedState,
         Telemetry, lanes_crc,
@@ -104,12 +104,14 @@ impl DroneLink {
         self.telemetry.filter(|t| self.idle() && fresh(t)).map(|t| t.phase)
     }
 
-    /// The next frame with this message.
+    /// Sends a message in the next frame.
     ///
     /// # Panics
     /// Never: a frame holds every message.
-    pub fn frame(&mut self, message: &Down) -> Frame {
-        self.sender.down(message).expect("a frame holds every message")
+    pub fn say(&mut self, message: &Down, send: &mut impl FnMut(DroneId, &[u8])) {
+        let mut frame = [0; MAX_FRAME];
+        let length = self.sender.encode_into(message, &mut frame).expect("a frame holds every message");
+        send(self.id, &frame[..length]);
     }
 
     /// Gives a command; commands are carried out in order.
@@ -144,15 +146,15 @@ impl DroneLink {
         now: TimePs,
         id: CommandId,
         status: AckStatus,
-        mut send: impl FnMut(Frame),
+        send: &mut impl FnMut(DroneId, &[u8]),
     ) -> Result<(), DroneFailure> {
         let Some(under_way) = self.under_way.take_if(|u| u.id == id) else { return Ok(()) };
         self.accepted = now;
         match (status, under_way.command) {
-            (AckStatus::Accepted, Command::UploadBegin(_)) => self.send_lanes(0, &mut send),
+            (AckStatus::Accepted, Command::UploadBegin(_)) => self.send_lanes(0, send),
             (AckStatus::Accepted, _) => {}
             (AckStatus::Incomplete { first_missing }, commit @ Command::UploadCommit { .. }) => {
-                self.send_lanes(first_missing, &mut send);
+                self.send_lanes(first_missing, send);
                 // A new number: the drone answers a known one without looking again.
                 self.queue.push_front(commit);
             }
@@ -167,7 +169,7 @@ impl DroneLink {
     ///
     /// # Errors
     /// When the drone has not answered for too long.
-    pub fn step(&mut self, now: TimePs, mut send: impl FnMut(Frame)) -> Result<(), DroneFailure> {
+    pub fn step(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), DroneFailure> {
         if self.under_way.is_none()
             && let Some(command) = self.queue.pop_front()
         {
@@ -175,7 +177,7 @@ impl DroneLink {
             self.next_command = self.next_command.wrapping_add(1);
             let message = Down::Command { id, command: command.clone() };
             self.under_way = Some(UnderWay { id, command, sent: now, repeats: 0 });
-            send(self.frame(&message));
+            self.say(&message, send);
         } else if let Some(under_way) = &mut self.under_way
             && now.since(under_way.sent) >= REPEAT_AFTER
         {
@@ -185,19 +187,19 @@ impl DroneLink {
                 return Err(DroneFailure::Unreachable { drone: self.id, command: name(&under_way.command) });
             }
             let message = Down::Command { id: under_way.id, command: under_way.command.clone() };
-            send(self.frame(&message));
+            self.say(&message, send);
         }
         Ok(())
     }
 
-    fn send_lanes(&mut self, from: u16, send: &mut impl FnMut(Frame)) {
+    fn send_lanes(&mut self, from: u16, send: &mut impl FnMut(DroneId, &[u8])) {
         let Some((header, lanes)) = self.upload.take() else { return };
         let first_piece = usize::from(from) / MAX_LANE_PIECE;
         for (index, piece) in lanes.chunks(MAX_LANE_PIECE).enumerate().skip(first_piece) {
             let waypoints_mm = heapless::Vec::from_slice(piece).expect("a chunk fits a piece");
             let first = (index * MAX_LANE_PIECE) as u16;
             let piece = LanePiece { mission: header.mission, first, waypoints_mm };
-            send(self.frame(&Down::LanePiece(piece)));
+            self.say(&Down::LanePiece(piece), send);
         }
         self.upload = Some((header, lanes));
     }
@@ -223,7 +225,7 @@ mod tests {
 
     fn sent(link: &mut DroneLink, ms: i64) -> Vec<Message> {
         let mut frames = Vec::new();
-        link.step(TimePs::from_ms(ms), |f| frames.push(decode(&f).unwrap().1)).unwrap();
+        link.step(TimePs::from_ms(ms), &mut |_, f| frames.push(decode(f).unwrap().1)).unwrap();
         frames
     }
 
@@ -236,10 +238,11 @@ mod tests {
         assert!(matches!(first[..], [Message::Down(Down::Command { id: CommandId(1), .. })]));
         assert!(sent(&mut link, 100).is_empty());
         assert_eq!(sent(&mut link, 700), first);
-        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, |_| {}).unwrap();
-        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, |_| {}).unwrap(); // late twin
+        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, &mut |_, _| {}).unwrap();
+        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, &mut |_, _| {}).unwrap(); // late twin
         assert!(matches!(sent(&mut link, 720)[..], [Message::Down(Down::Command { id: CommandId(2), .. })]));
-        let refused = link.acknowledged(TimePs(0), CommandId(2), AckStatus::WrongPhase, |_| {}).unwrap_err();
+        let refused =
+            link.acknowledged(TimePs(0), CommandId(2), AckStatus::WrongPhase, &mut |_, _| {}).unwrap_err();
         assert_eq!(refused.to_string(), "drone 1 refused hold: WrongPhase");
     }
 
@@ -249,7 +252,7 @@ mod tests {
         link.command(Command::TakeOff);
         let mut result = Ok(());
         for s in 0..100 {
-            result = link.step(TimePs::from_ms(s * 1000), |_| {});
+            result = link.step(TimePs::from_ms(s * 1000), &mut |_, _| {});
             if result.is_err() {
                 break;
             }

@@ -21,7 +21,7 @@ use plan::MissionPlan;
 use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
-    message::{Down, EventCode, FlightPhase, MAX_PEERS_PER_FRAME, PeerState, TdoaEntry, TdoaFlags, Up},
+    message::{Down, EventCode, FlightPhase, PeerState, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs},
 };
 use thiserror::Error;
@@ -29,6 +29,9 @@ use thiserror::Error;
 /// Neighbours whose state is relayed to each drone.
 pub const RELAYED_NEIGHBOURS: usize = 32;
 
+/// Neighbours nearer than this are relayed every time; from beyond, two drones at full speed need three
+/// quarters of a minute to meet, and hear of each other every [`NEIGHBOURS_PERIOD`].
+const NEAR_M: f64 = 1_000.0;
 /// Every so often it is looked up anew who is near whom.
 const NEIGHBOURS_PERIOD: TimePs = TimePs::from_ms(1_000);
 
@@ -303,11 +306,10 @@ impl ControlCenter {
                     return Err(MissionError::Incompatible { drone, version_min, version_max, schema_hash });
                 }
                 drone.connected = true;
-                let frame = drone.frame(&Down::Welcome { version, schema_hash: SCHEMA_HASH });
-                send(from, &frame);
+                drone.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH }, send);
             }
             Up::CommandAck { command, status } => {
-                drone.acknowledged(now, command, status, |frame| send(from, &frame))?;
+                drone.acknowledged(now, command, status, send)?;
             }
             Up::Heartbeat => {}
             Up::SharedState(state) => {
@@ -339,16 +341,16 @@ impl ControlCenter {
     /// When the mission cannot go on.
     pub fn step(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), MissionError> {
         for drone in &mut self.drones {
-            let id = drone.id;
-            drone.step(now, |frame| send(id, &frame))?;
+            drone.step(now, send)?;
         }
         if now >= self.relay_due {
             self.relay_due = now.after(self.plan.relay_period);
-            if now >= self.neighbours_due {
+            let far_too = now >= self.neighbours_due;
+            if far_too {
                 self.neighbours_due = now.after(NEIGHBOURS_PERIOD);
                 self.find_neighbours();
             }
-            self.relay_states(send);
+            self.relay_states(far_too, send);
         }
         if self.stage == Stage::Sweep {
             self.ask_for_srs(now, send);
@@ -362,8 +364,7 @@ impl ControlCenter {
             schedule.step(now, &mut self.scheduled, |request| {
                 let message = Down::SrsRequest(request);
                 for drone in drones.iter_mut().filter(|d| fleet.mates.contains(&d.id)) {
-                    let frame = drone.frame(&message);
-                    send(drone.id, &frame);
+                    drone.say(&message, send);
                 }
             });
         }
@@ -384,24 +385,28 @@ impl ControlCenter {
     }
 
     /// Relays to each drone the states of its nearest neighbours (paper section 3.3: drones share
-    /// location and velocity through the control center).
-    fn relay_states(&mut self, send: &mut impl FnMut(DroneId, &[u8])) {
+    /// location and velocity through the control center); of those beyond [`NEAR_M`] only now and then.
+    fn relay_states(&mut self, far_too: bool, send: &mut impl FnMut(DroneId, &[u8])) {
         for (row, &index) in self.relay_drones.iter().enumerate() {
-            for neighbours in self.relay.neighbours(row).chunks(MAX_PEERS_PER_FRAME) {
-                let states = neighbours.iter().filter_map(|&other| {
-                    let other = &self.drones[self.relay_drones[usize::from(other)]];
-                    other.state.map(|state| PeerState { drone: other.id, state })
-                });
-                let message = Down::Peers(states.collect());
-                let drone = &mut self.drones[index];
-                let frame = drone.frame(&message);
-                send(drone.id, &frame);
+            let here_m = self.relay_positions[row];
+            let mut states = heapless::Vec::new();
+            for &other in self.relay.neighbours(row) {
+                let other = usize::from(other);
+                let near = (self.relay_positions[other] - here_m).norm_squared() < NEAR_M * NEAR_M;
+                let neighbour = &self.drones[self.relay_drones[other]];
+                let Some(state) = neighbour.state.filter(|_| near || far_too) else { continue };
+                let relayed = PeerState { drone: neighbour.id, state };
+                if states.is_full() {
+                    self.drones[index].say(&Down::Peers(std::mem::take(&mut states)), send);
+                }
+                states.push(relayed).expect("emptied when full");
             }
+            // Without neighbours the frame is empty, and says that the link lives.
+            self.drones[index].say(&Down::Peers(states), send);
         }
         // Whoever hears no relay must still hear that the link lives.
         for drone in self.drones.iter_mut().filter(|d| d.connected && d.state.is_none()) {
-            let frame = drone.frame(&Down::Heartbeat);
-            send(drone.id, &frame);
+            drone.say(&Down::Heartbeat, send);
         }
     }
 
