@@ -28,6 +28,12 @@ pub struct Peer {
 }
 
 impl Peer {
+    /// Where the neighbour was when it was last heard, metres.
+    #[must_use]
+    pub fn heard_at_m(&self) -> Vec3 {
+        self.state.pos_enu_m
+    }
+
     /// Where the neighbour is now if it kept its velocity.
     #[must_use]
     pub fn predicted(&self, now: TimePs) -> Mover {

@@ -15,8 +15,8 @@ use skyroost_protocol::{
 
 /// Every so often the state is shared for avoidance.
 const SHARE_EVERY: TimePs = TimePs::from_ms(100);
-/// Every so often fleet mates hear the sweep phase.
-const PHASE_EVERY: TimePs = TimePs::from_ms(200);
+/// Every so often fleet mates hear the sweep phase: it only mends differences, which grow slowly.
+const PHASE_EVERY: TimePs = TimePs::from_ms(500);
 /// Every so often telemetry goes out, and a hello until it is answered.
 const TELEMETRY_EVERY: TimePs = TimePs::from_ms(1_000);
 

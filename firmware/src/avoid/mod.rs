@@ -26,9 +26,9 @@ pub struct Separation {
     pub max_speed_mps: f32,
 }
 
-/// Beyond this distance two drones at full speed do not meet within the horizon of [`pca`] and their
-/// braking ways, metres.
-const REACH_M: f32 = 300.0;
+/// Beyond this distance two drones at full speed do not meet within the horizon of [`pca`], the age of a
+/// shared state and their braking ways, metres.
+const REACH_M: f32 = 320.0;
 /// Beyond `d_safe` and both error radii, metres: tracking error of the velocity loop.
 const PLAN_SLACK_M: f32 = 0.5;
 
@@ -46,11 +46,11 @@ pub struct Avoided {
 pub fn avoid(now: TimePs, own: &Mover, wanted: Vec3, peers: &PeerTable, separation: &Separation) -> Avoided {
     let mut rows: Vec<HalfPlane, MAX_ROWS> = Vec::new();
     for peer in peers.iter() {
-        let other = peer.predicted(now);
         // Whatever either does within the horizon, they cannot come near: most neighbours end here.
-        if (other.pos_enu_m - own.pos_enu_m).norm_squared() > REACH_M * REACH_M {
+        if (peer.heard_at_m() - own.pos_enu_m).norm_squared() > REACH_M * REACH_M {
             continue;
         }
+        let other = peer.predicted(now);
         let d_plan_m = separation.d_safe_m + separation.own_error_m + peer.error_radius_m(now) + PLAN_SLACK_M;
         pca::rows(own, &other, d_plan_m, |row| {
             // Two rows a neighbour and 32 neighbours fit MAX_ROWS.

@@ -18,7 +18,7 @@ const CONSENSUS_GAIN_PER_S: f32 = 0.4;
 /// Greatest change of the rate for the sake of agreement, metres a second.
 const CONSENSUS_LIMIT_MPS: f32 = 0.5;
 /// A mate's word counts for this long.
-const MATE_FRESH: TimePs = TimePs::from_ms(1_000);
+const MATE_FRESH: TimePs = TimePs::from_ms(2_000);
 /// Least speed commanded towards a corner or the end, so that they are reached, metres a second.
 const CREEP_MPS: f32 = 0.2;
 

@@ -26,6 +26,9 @@ use tdoa::{OwnCapture, Pairing};
 /// A fleet mate's capture is waited for this long: several ways of the direct link.
 const MATES_WITHIN: TimePs = TimePs::from_ms(500);
 
+/// The timer is read this often at least, whatever its rate: well within half a wrap at 2 T_c.
+const EXTEND_EVERY: TimePs = TimePs::from_ms(500);
+
 /// SRS side of the flight agent.
 #[derive(Clone, Debug)]
 pub struct Srs {
@@ -34,6 +37,7 @@ pub struct Srs {
     occasions: Occasions,
     pairing: Pairing,
     for_mates: Vec<CaptureEntry, MAX_CAPTURES_PER_STEP>,
+    extend_due: TimePs,
 }
 
 impl Srs {
@@ -46,6 +50,7 @@ impl Srs {
             occasions: Occasions::default(),
             pairing: Pairing::new(MATES_WITHIN),
             for_mates: Vec::new(),
+            extend_due: TimePs(0),
         }
     }
 
@@ -71,7 +76,11 @@ impl Srs {
         outputs: &mut Outputs,
         counters: &mut Counters,
     ) {
-        self.extender.step(inputs.timer_ticks, now);
+        // The extension costs divisions, and nobody asks for it between captures; half a wrap is two seconds.
+        if !inputs.captures.is_empty() || now >= self.extend_due {
+            self.extender.step(inputs.timer_ticks, now);
+            self.extend_due = now.after(EXTEND_EVERY);
+        }
         for capture in &inputs.captures {
             let (Some(announced), Some(nav)) = (self.occasions.get(capture.occasion), fix) else {
                 Counters::count(&mut counters.captures_unknown);

@@ -38,6 +38,8 @@ use watch::{FleetWatch, Separation};
 const WINDOW_STEPS: u64 = 2;
 /// Fewer drones than this are not worth a second core: a window of one drone takes about a microsecond.
 const PARALLEL_FROM_DRONES: usize = 24;
+/// The formation is measured once in so many windows: every 0.12 s, half the lag of an attitude.
+const FORMATION_WINDOWS: u64 = 3;
 /// Time flown on after every drone serves, seconds.
 const SERVE_FOR_S: f64 = 2.0;
 
@@ -252,7 +254,8 @@ impl Flight {
             self.separation.moved(t_s, positions_m);
         }
         let started = self.control.sweep_started().map_or(f64::INFINITY, |at| at.0 as f64 * 1e-12);
-        if self.control.stage() == Stage::Sweep && end_s > started {
+        let due = (self.step / WINDOW_STEPS).is_multiple_of(FORMATION_WINDOWS);
+        if due && self.control.stage() == Stage::Sweep && end_s > started {
             let positions_m = self.window_m.last().expect("a window has steps");
             for (watch, fleet) in self.fleets.iter_mut().zip(&self.control.plan().fleets) {
                 watch.sweeping(end_s, fleet.mates.map(|id| positions_m[usize::from(id.0) - 1]));

@@ -101,7 +101,7 @@ pub(super) struct FleetWatch {
 }
 
 /// The track for the proof of coverage is sampled this often; see [`FleetWatch::stadiums`].
-const TRACK_EVERY_S: f64 = 0.2;
+const TRACK_EVERY_S: f64 = 0.24;
 
 impl FleetWatch {
     pub(super) fn new(
