@@ -161,14 +161,12 @@ struct DroneSite {
 fn sites(setup: &Setup, flight: &Flight) -> Vec<DroneSite> {
     let Some(placement) = flight.control.placement() else { return Vec::new() };
     let site_of = |target: &crate::control::mission::Target| {
-        let site = placement.sites[target.site?].as_ref()?;
+        let station = target.station?;
+        let site = placement.sites[station.site].as_ref()?;
         let drone = setup.plan.drones[target.drone].id.0;
-        let record = PlacementRecord {
-            drone,
-            pos_m: [site.pos_m.x, site.pos_m.y],
-            covered: site.covered.len() as u32,
-        };
-        Some(DroneSite { record, pos_m: site.pos_m })
+        let record =
+            PlacementRecord { drone, pos_m: station.pos_m.into(), covered: site.covered.len() as u32 };
+        Some(DroneSite { record, pos_m: station.pos_m })
     };
     flight.control.targets().iter().filter_map(site_of).collect()
 }

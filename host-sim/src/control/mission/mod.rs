@@ -1,10 +1,11 @@
 //! The control center as a state machine: frames in, frames out, no clock and no world of its own.
 //!
-//! Connect, upload, take off, sweep, locate, place, deploy, serve. Whatever is commanded is repeated
+//! Connect, upload, take off, sweep, locate, place, deploy, refine, serve. Whatever is commanded is repeated
 //! until acknowledged ([`drone`]); measurements are not repeated, as the next occasion is a second away.
 
 pub mod drone;
 pub mod plan;
+mod refine;
 mod stages;
 
 use crate::{
@@ -14,10 +15,11 @@ use crate::{
         relay::Relay,
         srs_schedule::{FleetSchedule, Scheduled},
     },
-    geometry::V3,
+    geometry::{V2, V3},
 };
 use drone::{DroneFailure, DroneLink};
 use plan::MissionPlan;
+use refine::Refinement;
 use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
@@ -50,6 +52,8 @@ pub enum Stage {
     Collect,
     /// Flying to the placements.
     Deploy,
+    /// Serving, and moving by metres where what is heard promises to serve more.
+    Refine,
     /// Every drone is where it should be.
     Serve,
 }
@@ -65,6 +69,7 @@ impl Stage {
             Self::Sweep => "sweep",
             Self::Collect => "locate and place",
             Self::Deploy => "deploy",
+            Self::Refine => "refine",
             Self::Serve => "serve",
         }
     }
@@ -147,13 +152,22 @@ pub struct OperatorEvent {
     pub value: u32,
 }
 
-/// Where a drone was sent in the second stage.
+/// What a drone is for in the second stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
     /// Index of the drone in the plan.
     pub drone: usize,
-    /// Index of the site in the placement; none for a drone that nobody needs and that flies home.
-    pub site: Option<usize>,
+    /// Where it serves; none for a drone that nobody needs and that flies home.
+    pub station: Option<Station>,
+}
+
+/// Where a drone serves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Station {
+    /// Index of the site in the placement.
+    pub site: usize,
+    /// Where the drone was sent last: the site, or metres from it where the refinement moved it.
+    pub pos_m: V2,
 }
 
 /// The control center.
@@ -177,6 +191,7 @@ pub struct ControlCenter {
     localization: Localization,
     placement: Option<Placement>,
     targets: Vec<Target>,
+    refinement: Option<Refinement>,
     events: Vec<OperatorEvent>,
     counters: ControlCounters,
 }
@@ -206,6 +221,7 @@ impl ControlCenter {
             localization: Localization::default(),
             placement: None,
             targets: Vec::new(),
+            refinement: None,
             events: Vec::new(),
             counters: ControlCounters::default(),
         }
@@ -326,6 +342,7 @@ impl ControlCenter {
                 if let Some((fleet, _)) = self.plan.drones[index].fleet {
                     self.schedules[fleet].heard(from, &page);
                 }
+                self.heard_at_station(index, &page);
             }
             Up::Tdoa(entries) => entries.iter().for_each(|entry| self.measured(from, entry)),
             Up::Event { code, time, value } => {

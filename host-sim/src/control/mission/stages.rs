@@ -1,6 +1,11 @@
 //! From stage to stage: what each waits for, what it begins with, how long it may take.
 
-use super::{ControlCenter, MissionError, Stage, Target, drone::DroneLink, pos_m};
+use super::{
+    ControlCenter, MissionError, Stage, Station, Target,
+    drone::DroneLink,
+    pos_m,
+    refine::{Refinement, Seen},
+};
 use crate::{
     control::{
         assign::assign,
@@ -11,8 +16,8 @@ use crate::{
 };
 use nalgebra::Matrix2;
 use skyroost_protocol::{
-    message::{Command, FlightPhase, MissionHeader},
-    units::{DroneId, MissionId, PosEnuMm, TimePs, mm_from_m},
+    message::{Attached, Command, FlightPhase, MissionHeader},
+    units::{DroneId, MissionId, PosEnuMm, TimePs, UserId, mm_from_m},
 };
 
 /// From the command to the common start of the lanes: time for two repetitions.
@@ -37,8 +42,9 @@ impl ControlCenter {
             Stage::Collect => (now.since(self.stage_since) >= COLLECT_FOR).then_some(Stage::Deploy),
             Stage::Deploy => {
                 self.send_off(now);
-                self.deployed(now).then_some(Stage::Serve)
+                self.deployed(now).then_some(Stage::Refine)
             }
+            Stage::Refine => self.refined(now).then_some(Stage::Serve),
             Stage::Serve => None,
         };
         match next {
@@ -60,6 +66,7 @@ impl ControlCenter {
                 self.command_fleets(&Command::StartSweep { at });
             }
             Stage::Deploy => self.locate_and_place()?,
+            Stage::Refine => self.begin_refining(now),
         }
         Ok(())
     }
@@ -77,6 +84,7 @@ impl ControlCenter {
                 600.0 + flight_s(longest)
             }
             Stage::Deploy => 600.0 + climb_s + flight_s(self.longest_flight_m()),
+            Stage::Refine => 1_200.0,
         };
         if now.since(self.stage_since).0 as f64 * 1e-12 <= limit_s {
             return Ok(());
@@ -152,27 +160,26 @@ impl ControlCenter {
     /// Stage two of the paper: estimates of all users, then a placement for every drone.
     fn locate_and_place(&mut self) -> Result<(), MissionError> {
         self.localization = localize(&self.occasions, &self.plan.localize)?;
-        let beliefs: Vec<UserBelief> = self
-            .localization
-            .users
-            .iter()
-            .filter(|fix| fix.status == FixStatus::Ok)
-            .map(|fix| UserBelief {
-                pos_m: V2::new(fix.pos_m[0], fix.pos_m[1]),
-                cov_m2: Matrix2::new(fix.cov_m2[0][0], fix.cov_m2[0][1], fix.cov_m2[1][0], fix.cov_m2[1][1]),
-            })
-            .collect();
+        let beliefs: Vec<UserBelief> = self.beliefs().map(|(_, belief)| belief).collect();
         let fleet = Fleet { drones: self.drones.len(), min_separation_m: self.plan.min_goal_distance_m };
         let objective = Objective::Expected { users: &beliefs, radius_m: self.plan.radius_m };
         let placement = place(objective, fleet)?;
         self.targets = self.assign_targets(&placement);
         for target in &self.targets {
-            if target.site.is_none() && self.plan.drones[target.drone].fleet.is_some() {
+            if target.station.is_none() && self.plan.drones[target.drone].fleet.is_some() {
                 self.drones[target.drone].command(Command::ReturnHome);
             }
         }
         self.placement = Some(placement);
         Ok(())
+    }
+
+    /// Users that were located.
+    fn beliefs(&self) -> impl Iterator<Item = (UserId, UserBelief)> {
+        self.localization.users.iter().filter(|fix| fix.status == FixStatus::Ok).map(|fix| {
+            let [[xx, xy], [yx, yy]] = fix.cov_m2;
+            (fix.user, UserBelief { pos_m: fix.pos_m.into(), cov_m2: Matrix2::new(xx, xy, yx, yy) })
+        })
     }
 
     /// Which drone flies where, so that the longest flight is the shortest possible.
@@ -186,8 +193,11 @@ impl ControlCenter {
             .collect();
         let goals: Vec<V2> = sites.iter().map(|(_, pos_m)| *pos_m).collect();
         let chosen = assign(&from, &goals);
-        let site_of = |drone: usize| chosen.iter().position(|&d| d == drone).map(|k| sites[k].0);
-        (0..self.drones.len()).map(|drone| Target { drone, site: site_of(drone) }).collect()
+        let station_of = |drone: usize| {
+            let (site, pos_m) = sites[chosen.iter().position(|&d| d == drone)?];
+            Some(Station { site, pos_m })
+        };
+        (0..self.drones.len()).map(|drone| Target { drone, station: station_of(drone) }).collect()
     }
 
     /// Where a drone is; a reserve that never flew is on its pad.
@@ -196,40 +206,79 @@ impl ControlCenter {
     }
 
     fn longest_flight_m(&self) -> f64 {
-        let site_m = |t: &Target| self.site_m(t).map(|goal| (goal - self.drone_pos_m(t.drone)).norm());
-        self.targets.iter().filter_map(site_m).fold(0.0, f64::max) + 10_000.0
-    }
-
-    fn site_m(&self, target: &Target) -> Option<V2> {
-        let site = self.placement.as_ref()?.sites.get(target.site?)?;
-        site.as_ref().map(|s| s.pos_m)
+        let way_m = |t: &Target| t.station.map(|s| (s.pos_m - self.drone_pos_m(t.drone)).norm());
+        self.targets.iter().filter_map(way_m).fold(0.0, f64::max) + 10_000.0
     }
 
     /// Sends every drone that is ready to its site: reserves climb first.
     fn send_off(&mut self, now: TimePs) {
-        let targets = std::mem::take(&mut self.targets);
-        for target in &targets {
-            let Some(goal_m) = self.site_m(target) else { continue };
+        for target in &self.targets {
+            let Some(station) = target.station else { continue };
             let drone = &mut self.drones[target.drone];
             match drone.phase(now) {
                 Some(FlightPhase::Grounded) => drone.command(Command::TakeOff),
-                Some(FlightPhase::Hold) => {
-                    let [x, y, z] =
-                        [goal_m.x, goal_m.y, self.plan.altitude_m].map(|m| (m * 1e3).round() as i32);
-                    drone.command(Command::Place { target: PosEnuMm([x, y, z]) });
-                }
+                Some(FlightPhase::Hold) => drone.command(place_at(station.pos_m, self.plan.altitude_m)),
                 _ => {}
             }
         }
-        self.targets = targets;
     }
 
     fn deployed(&self, now: TimePs) -> bool {
         self.targets.iter().all(|target| {
-            let wanted = if target.site.is_some() { FlightPhase::Serve } else { FlightPhase::Grounded };
+            let wanted = if target.station.is_some() { FlightPhase::Serve } else { FlightPhase::Grounded };
             self.drones[target.drone].phase(now) == Some(wanted)
         })
     }
+
+    /// Drones that serve and where, in the refinement's order.
+    fn stations(&self) -> impl Iterator<Item = (usize, V2)> {
+        self.targets.iter().filter_map(|t| Some((t.drone, t.station?.pos_m)))
+    }
+
+    fn begin_refining(&mut self, now: TimePs) {
+        let sites_m: Vec<V2> = self.stations().map(|(_, pos_m)| pos_m).collect();
+        let plan = &self.plan;
+        let refinement =
+            Refinement::new(now, &sites_m, self.beliefs(), plan.radius_m, plan.min_goal_distance_m);
+        self.refinement = Some(refinement);
+    }
+
+    /// A page of users heard counts where its drone serves.
+    pub(super) fn heard_at_station(&mut self, drone: usize, page: &Attached) {
+        let station = self.stations().position(|(d, _)| d == drone);
+        let at_m = self.drone_pos_m(drone);
+        if let (Some(refinement), Some(station)) = (&mut self.refinement, station) {
+            refinement.page(station, page, at_m);
+        }
+    }
+
+    /// Moves drones where that promises more; true when there is nothing left to win.
+    fn refined(&mut self, now: TimePs) -> bool {
+        let Some(mut refinement) = self.refinement.take() else { return true };
+        let seen = |(drone, _): (usize, V2)| match self.drones[drone].phase(now) {
+            Some(FlightPhase::Serve) => Seen::Serving(self.drone_pos_m(drone)),
+            Some(FlightPhase::GoTo) | None => Seen::UnderWay,
+            Some(_) => Seen::Left,
+        };
+        let seen: Vec<Seen> = self.stations().map(seen).collect();
+        let mut stations: Vec<(usize, &mut Station)> =
+            self.targets.iter_mut().filter_map(|t| Some((t.drone, t.station.as_mut()?))).collect();
+        let done = refinement.step(now, &seen, |station, to_m| {
+            let (drone, station) = &mut stations[station];
+            station.pos_m = to_m;
+            self.drones[*drone].command(place_at(to_m, self.plan.altitude_m));
+        });
+        if !done {
+            self.refinement = Some(refinement);
+        }
+        done
+    }
+}
+
+/// The command to serve from there.
+fn place_at(pos_m: V2, altitude_m: f64) -> Command {
+    let [x, y, z] = [pos_m.x, pos_m.y, altitude_m].map(|m| (m * 1e3).round() as i32);
+    Command::Place { target: PosEnuMm([x, y, z]) }
 }
 
 /// Length of a polyline, metres.

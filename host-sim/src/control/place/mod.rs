@@ -16,6 +16,7 @@ mod centre;
 pub mod disk;
 pub mod expected;
 mod greedy;
+pub mod refine;
 mod search;
 
 #[cfg(test)]
