@@ -2,7 +2,10 @@
 //! seeds, densities, fleets, areas and links as well.
 
 use serde_json::Value;
-use skyroost_tests::mission::{Flown, fly};
+use skyroost_tests::{
+    mission::{Flown, fly},
+    report_check::check_report,
+};
 use std::{fs, path::Path};
 
 #[test]
@@ -18,6 +21,8 @@ fn the_paper_scenario() {
     }
     let summary = fs::read(flown.out.path().join("out").join("summary.json")).unwrap();
     assert_eq!(summary, flown.bytes, "summary.json is what --json prints");
+    let report = flown.out.path().join("out").join("report.html");
+    check_report(&report, &flown.out.path().join("report.png"));
 }
 
 #[test]
