@@ -54,9 +54,7 @@ pub(super) fn status(
     if fit.tdoas < 2 {
         return FixStatus::NotLocated;
     }
-    let dof = f64::from(fit.tdoas) - 2.0;
-    let excess = fit.chi2 - dof;
-    if rejected_share(fit) > INCONSISTENT_REJECTED || excess > CHI2_SIGMAS * (2.0 * dof.max(1.0)).sqrt() {
+    if rejected_share(fit) > INCONSISTENT_REJECTED || is_excessive(fit) {
         return FixStatus::Inconsistent;
     }
     if r95_m.is_nan() || r95_m > cfg.max_r95_m {
@@ -76,7 +74,13 @@ fn rejected_share(fit: &Fit) -> f64 {
     1.0 - f64::from(fit.accepted) / f64::from(fit.captures.max(1))
 }
 
-/// Looks for users whose captures are thrown out in numbers and tries other starts for them with the clocks as
+/// Whether the residuals are larger than their noise allows.
+fn is_excessive(fit: &Fit) -> bool {
+    let dof = f64::from(fit.tdoas) - 2.0;
+    fit.chi2 - dof > CHI2_SIGMAS * (2.0 * dof.max(1.0)).sqrt()
+}
+
+/// Looks for users whose captures are thrown out in numbers, or fit badly, and tries other starts for them with the clocks as
 /// they are. Says whether any user moved to a better point.
 pub(super) fn restart_bad_fits(
     problem: &Problem,
@@ -86,7 +90,7 @@ pub(super) fn restart_bad_fits(
 ) -> bool {
     let mut moved = false;
     for (u, fit) in fits.iter().enumerate() {
-        if rejected_share(fit) <= BAD_FIT_REJECTED {
+        if rejected_share(fit) <= BAD_FIT_REJECTED && !is_excessive(fit) {
             continue;
         }
         let one = OneUser::new(problem, cfg, state, u);
