@@ -67,8 +67,8 @@ pub fn localize(occasions: &[Occasion], cfg: &LocalizeConfig) -> Result<Localiza
 
 /// One fix from those of two clock groups, whose noise and clocks are independent.
 fn combine(a: &UserFix, b: &UserFix, cfg: &LocalizeConfig) -> UserFix {
-    /// 99.99 % quantile of a chi-square with two degrees of freedom.
-    const CONTRADICTION: f64 = 18.42;
+    /// 99.9999 % quantile of a chi-square with two degrees of freedom: missions have thousands of users.
+    const CONTRADICTION: f64 = 27.63;
     let mut joint = match (a.status, b.status) {
         (FixStatus::Ok, FixStatus::Ok) => {
             let e = [b.pos_m[0] - a.pos_m[0], b.pos_m[1] - a.pos_m[1]];
