@@ -224,3 +224,103 @@ fn resampled(points_m: &[V2], weights: &[f64]) -> Vec<V2> {
     };
     (0..CLOUD_POINTS).filter_map(pick).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix2;
+    use proptest::prelude::*;
+
+    const RADIUS_M: f64 = 500.0;
+
+    fn belief(x: f64, y: f64, sigma_x_m: f64, sigma_y_m: f64, correlation: f64) -> UserBelief {
+        let xy = correlation * sigma_x_m * sigma_y_m;
+        let cov_m2 = Matrix2::new(sigma_x_m * sigma_x_m, xy, xy, sigma_y_m * sigma_y_m);
+        UserBelief { pos_m: V2::new(x, y), cov_m2 }
+    }
+
+    #[test]
+    fn truth_the_spiral_has_the_moments_of_its_belief() {
+        let belief = belief(10.0, -20.0, 3.0, 5.0, -0.6);
+        let points = spiral(&belief, 1.0, SPIRAL_POINTS);
+        let mean = points.iter().sum::<V2>() / points.len() as f64;
+        assert!((mean - belief.pos_m).norm() < 0.02, "{mean}");
+        let spread: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
+        let error = spread / points.len() as f64 - belief.cov_m2;
+        assert!(error.norm() < 0.02 * belief.cov_m2.norm(), "{error}");
+    }
+
+    #[test]
+    fn truth_what_is_heard_cuts_the_belief() {
+        // A user on the border of a drone's disk: heard, the belief is the half inside, whose mean lies
+        // sigma sqrt(2 / pi) inwards.
+        let user = belief(RADIUS_M, 0.0, 4.0, 4.0, 0.0);
+        for (heard, side) in [(true, -1.0), (false, 1.0)] {
+            let cloud = Cloud::new(&user, &[Hearing { centre_m: V2::zeros(), heard }], RADIUS_M);
+            let expected = RADIUS_M + side * 4.0 * (2.0 / std::f64::consts::PI).sqrt();
+            assert!((cloud.centre_m.x - expected).abs() < 0.4, "{}", cloud.centre_m.x);
+            let within = cloud.within(V2::zeros(), RADIUS_M);
+            assert!((within - f64::from(u8::from(heard))).abs() < 0.05, "{within}");
+        }
+    }
+
+    #[test]
+    fn a_belief_that_was_too_narrow_is_widened_and_an_absurd_hearing_put_aside() {
+        let hearing = |x: f64| [Hearing { centre_m: V2::new(x, 0.0), heard: true }];
+        let user = belief(RADIUS_M + 12.0, 0.0, 2.0, 2.0, 0.0);
+        assert!(Cloud::new(&user, &hearing(0.0), RADIUS_M).within(V2::zeros(), RADIUS_M) > 0.9);
+        assert_eq!(Cloud::new(&user, &hearing(-900.0), RADIUS_M), Cloud::new(&user, &[], RADIUS_M));
+    }
+
+    /// Every outcome, one by one.
+    fn by_enumeration(chances: &[f64], served: usize) -> f64 {
+        let outcome = |bits: u32| {
+            let with = |k: usize| bits >> k & 1 == 1;
+            let chance = |(k, p): (usize, &f64)| if with(k) { *p } else { 1.0 - p };
+            let share: f64 = chances.iter().enumerate().map(chance).product();
+            share * (bits.count_ones() as usize).saturating_sub(served) as f64
+        };
+        (0..1 << chances.len()).map(outcome).sum()
+    }
+
+    proptest! {
+        #[test]
+        fn truth_the_improvement_is_the_mean_over_all_outcomes(
+            mut chances in prop::collection::vec(0.0..=1.0_f64, 0..9),
+            sure in 0..3_usize,
+            served in 0..10_usize,
+        ) {
+            chances.iter_mut().take(sure).for_each(|p| *p = p.round());
+            let found = Counts::default().improvement(chances.iter().copied(), served);
+            prop_assert!((found - by_enumeration(&chances, served)).abs() < 1e-12);
+        }
+
+        /// A move stays in reach and where it is allowed, and its gain is what its place promises.
+        #[test]
+        fn a_move_obeys_and_keeps_its_promise(
+            users in prop::collection::vec((-520.0..520.0_f64, -520.0..520.0_f64), 1..12),
+            barred in (-25.0..25.0_f64, -25.0..25.0_f64),
+            served in 0..12_usize,
+        ) {
+            let cloud = |&(x, y): &(f64, f64)| Cloud::new(&belief(x, y, 4.0, 4.0, 0.0), &[], RADIUS_M);
+            let clouds: Vec<Cloud> = users.iter().map(cloud).collect();
+            let clouds: Vec<&Cloud> = clouds.iter().collect();
+            let allowed = |at: V2| (at - V2::from(<[f64; 2]>::from(barred))).norm() >= 16.0;
+            let found = best_move(V2::zeros(), &clouds, served, RADIUS_M, allowed).unwrap();
+            prop_assert!(found.to_m.norm() <= REACH_M && allowed(found.to_m));
+            let chances = |at: V2| clouds.iter().map(move |c| c.within(at, RADIUS_M));
+            let promise = Counts::default().improvement(chances(found.to_m), served);
+            prop_assert_eq!(found.gain_users, promise);
+            // No place of the grid promises more.
+            for at in [V2::zeros(), V2::new(6.0, -9.0), V2::new(-12.0, 21.0)] {
+                let there = Counts::default().improvement(chances(at), served);
+                prop_assert!(!allowed(at) || there <= found.gain_users);
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_is_allowed_so_nothing_is_found() {
+        assert_eq!(best_move(V2::zeros(), &[], 0, RADIUS_M, |_| false), None);
+    }
+}
