@@ -213,7 +213,8 @@ impl Refinement {
             for (id, user) in &mut self.users {
                 let heard = at.heard.contains(id);
                 let now_and_then = !heard && listening.heard.contains_key(id);
-                let expected = user.cloud.within(centre_m, self.radius_m) == f64::from(u8::from(heard));
+                let chance = user.cloud.within(centre_m, self.radius_m);
+                let expected = if heard { chance >= 1.0 } else { chance <= 0.0 };
                 if !expected && !now_and_then {
                     user.heard.push(Hearing { centre_m, heard });
                     user.cloud = Cloud::new(&user.belief, &user.heard, self.radius_m);
