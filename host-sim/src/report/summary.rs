@@ -53,7 +53,8 @@ pub struct SweepSummary {
     pub duration_s: f64,
     /// Length of each fleet's lanes, metres.
     pub length_m: Vec<f64>,
-    /// From the first take-off until the last fleet flew its lanes, climb and transit included, seconds.
+    /// Time that the scenario gives the sweep, seconds: the paper's mission time (Table 3). `duration_s` is
+    /// held against it; climb and transit are in neither.
     pub mission_time_s: f64,
 }
 

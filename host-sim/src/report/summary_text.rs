@@ -27,7 +27,7 @@ fn sweep(f: &mut fmt::Formatter<'_>, sweep: &SweepSummary) -> fmt::Result {
     writeln!(f, "\nSweep")?;
     row(f, "coverage", format!("{} of the area", percent(sweep.coverage_fraction)))?;
     row(f, "duration", minutes(sweep.duration_s))?;
-    row(f, "with transit", minutes(sweep.mission_time_s))?;
+    row(f, "mission time", minutes(sweep.mission_time_s))?;
     let lengths: Vec<String> = sweep.length_m.iter().map(|length_m| format!("{length_m:.0} m")).collect();
     row(f, "lanes", format!("{}, split by {}", lengths.join(" + "), sweep.split))
 }

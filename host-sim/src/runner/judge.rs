@@ -33,6 +33,7 @@ pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Re
     let counters = flight.link_counters();
     let (squares_m2, samples) =
         flight.fleets.iter().map(FleetWatch::errors).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    let warnings = warnings(&flight, &sweep);
     let summary = Summary {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
@@ -55,7 +56,7 @@ pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Re
             rejected: flight.control.counters().frames_rejected + flight.rejected_on_board(),
         },
         digest: flight.digest(),
-        warnings: warnings(&flight),
+        warnings,
         ..Summary::default()
     };
     let recording = Recording {
@@ -138,8 +139,12 @@ fn sub_areas(setup: &Setup) -> Vec<SubAreaRecord> {
     setup.sweep.sub_areas.iter().map(record).collect()
 }
 
-fn warnings(flight: &Flight) -> Vec<String> {
+fn warnings(flight: &Flight, sweep: &SweepSummary) -> Vec<String> {
     let mut warnings = flight.control.localization().warnings.clone();
+    if sweep.duration_s > sweep.mission_time_s {
+        let (took_s, given_s) = (sweep.duration_s, sweep.mission_time_s);
+        warnings.push(format!("the sweep took {took_s:.0} s, the scenario gives it {given_s:.0} s"));
+    }
     let saturated = flight.control.counters().tdoa_saturated;
     if saturated > 0 {
         warnings.push(format!("{saturated} time differences did not fit their 32 bits and were left out"));
