@@ -49,7 +49,6 @@ const SERVE_FOR_S: f64 = 2.0;
 /// As [`RunError`] says; nothing is written in any case.
 pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, RunError> {
     let started = Instant::now();
-    (options.progress)(Progress { phase: "plan", simulated_s: 0.0, fraction: 0.0 });
     let setup = Setup::new(input)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads)
