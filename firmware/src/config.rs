@@ -1,7 +1,7 @@
 //! What an agent is born with; everything else it is told by mission upload.
 
 use crate::srs::clock::TickRate;
-use skyroost_protocol::units::DroneId;
+use skyroost_protocol::units::{DroneId, TimePs};
 
 /// The capture timer counts samples of the baseband: a tick of 2 T_c, the finest grid that UL-RTOA is
 /// reported on (TS 38.133 13.1).
@@ -19,6 +19,8 @@ pub struct AgentConfig {
     pub boot_epoch: u16,
     /// Rate of the SRS capture timer.
     pub capture_rate: TickRate,
+    /// Time between two states shared for avoidance.
+    pub share_period: TimePs,
     /// What the airframe can do.
     pub limits: FlightLimits,
     /// When the supervisor steps in.
@@ -33,6 +35,7 @@ impl AgentConfig {
             id,
             boot_epoch: 1,
             capture_rate: BASEBAND_RATE,
+            share_period: TimePs::from_ms(100),
             limits: FlightLimits::default(),
             supervisor: SupervisorConfig::default(),
         }

@@ -13,8 +13,6 @@ use skyroost_protocol::{
     units::{DroneId, PosEnuMm, TimePs, VelEnuMmps, mm_from_m},
 };
 
-/// Every so often the state is shared for avoidance.
-const SHARE_EVERY: TimePs = TimePs::from_ms(100);
 /// Every so often fleet mates hear the sweep phase: it only mends differences, which grow slowly.
 const PHASE_EVERY: TimePs = TimePs::from_ms(500);
 /// Every so often telemetry goes out, and a hello until it is answered.
@@ -120,7 +118,7 @@ impl FlightAgent {
                 };
                 links.up(&Up::SharedState(state), outputs, counters);
             }
-            links.share_due = now.after(SHARE_EVERY);
+            links.share_due = now.after(self.config.share_period);
         }
         if now >= links.phase_due && self.flight.phase() == FlightPhase::Sweep {
             let message = Peer::SweepPhase {

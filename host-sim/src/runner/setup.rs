@@ -212,7 +212,7 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
         localize: LocalizeConfig {
             sigma_toa_ns: scenario.srs.sigma_toa_ns.max(0.3), // the tick's own noise remains
             clock: ClockModel::SharedWander {
-                // Uniform on +-a has standard deviation a / sqrt(3).
+                // The drawing limits as standard deviations: wider than the uniform's a / sqrt(3), on purpose.
                 offset_sigma_ns: scenario.clock.offset_ns.max(1.0),
                 drift_sigma_ns_per_s: scenario.clock.drift_ns_per_s.max(0.01),
                 walk_ns_per_sqrt_s: scenario.clock.walk_ns_per_sqrt_s.max(1e-3),
@@ -342,6 +342,7 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone) -> Drone<FlightAgent> {
     let battery = BatteryConfig { endurance_s: scenario.battery.endurance_s, ..BatteryConfig::default() };
     let mut config = AgentConfig::new(planned.id);
     config.capture_rate = TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked");
+    config.share_period = TimePs((scenario.link.share_period_s * 1e12) as i64);
     config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
     config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;
     Drone::new(
