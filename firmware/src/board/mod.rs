@@ -2,4 +2,6 @@
 //! flight code, which has neither; what can be decided without hardware is decided here, where the
 //! host can test it. The shells themselves are the images under `bin/`.
 
+pub mod bus;
 pub mod cadence;
+pub mod lockstep;
