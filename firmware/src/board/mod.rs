@@ -5,3 +5,5 @@
 pub mod bus;
 pub mod cadence;
 pub mod lockstep;
+#[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
+pub mod shell;
