@@ -14,6 +14,7 @@ use crate::{
     guidance::limited,
     io::{Inputs, NavFix, Outputs, Setpoint},
     peers::PeerTable,
+    scalar::within,
     srs::Srs,
     supervisor::{Action, Health, Supervisor},
 };
@@ -134,7 +135,7 @@ impl FlightAgent {
         let own = Mover { pos_enu_m: nav.pos_enu_m, vel_enu_mps: nav.vel_enu_mps };
         let avoided = avoid::avoid(now, &own, wanted, &self.peers, &separation);
         let mut vel = limited(avoided.vel_enu_mps, limits.max_speed_mps);
-        vel.z = vel.z.clamp(-limits.max_vertical_mps, limits.max_vertical_mps);
+        vel.z = within(vel.z, -limits.max_vertical_mps, limits.max_vertical_mps);
         let accel_enu_mps2 = if avoided.active { Vec3::zeros() } else { accel };
         let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
         self.flight.drain_events(|code, value| transmitter.event(now, code, value, outputs, counters));

@@ -5,7 +5,10 @@
 //! leaves the corner at `r (1/cos(phi/2) - 1)`, begins `r tan(phi/2)` before it and allows
 //! `v = sqrt(a r)`. A backward pass over the corners makes sure that each can be braked for.
 
-use crate::Vec2;
+use crate::{
+    Vec2,
+    scalar::{greater, lesser},
+};
 use heapless::Vec;
 use skyroost_protocol::message::MAX_WAYPOINTS;
 
@@ -164,14 +167,13 @@ impl Lanes {
         for corner in &mut self.corners {
             if let (Some(before), true) = (before, corner.leg_m > 0.0) {
                 // 0.49: neighbouring fillets never meet.
-                let room_m = 0.49 * before.leg_m.min(corner.leg_m);
+                let room_m = 0.49 * lesser(before.leg_m, corner.leg_m);
                 corner.turn_rad =
                     libm::atan2f(before.along.perp(&corner.along), before.along.dot(&corner.along));
                 (corner.tangent_m, corner.radius_m) = fillet(corner.turn_rad, room_m);
                 corner.speed_mps = if corner.radius_m.is_finite() {
-                    libm::sqrtf(LATERAL_ACCEL_MPS2 * corner.radius_m)
-                        .min(max_turn_radps * corner.radius_m)
-                        .min(self.cruise_mps)
+                    let grip_mps = libm::sqrtf(LATERAL_ACCEL_MPS2 * corner.radius_m);
+                    lesser(lesser(grip_mps, max_turn_radps * corner.radius_m), self.cruise_mps)
                 } else {
                     self.cruise_mps
                 };
@@ -184,9 +186,9 @@ impl Lanes {
     fn limit_speeds(&mut self) {
         let mut ahead = (0.0f32, 0.0f32); // speed and tangent of the corner ahead
         for corner in self.corners.iter_mut().rev() {
-            let straight_m = (corner.leg_m - corner.tangent_m - ahead.1).max(0.0);
+            let straight_m = greater(corner.leg_m - corner.tangent_m - ahead.1, 0.0);
             let reachable = libm::sqrtf(ahead.0 * ahead.0 + 2.0 * ALONG_ACCEL_MPS2 * straight_m);
-            corner.speed_mps = corner.speed_mps.min(reachable);
+            corner.speed_mps = lesser(corner.speed_mps, reachable);
             ahead = (corner.speed_mps, corner.tangent_m);
         }
     }
@@ -196,7 +198,8 @@ impl Lanes {
         let mut next_tangent_m = 0.0;
         for corner in self.corners.iter_mut().rev() {
             // Holds the straight for a moment; replaced by the running sum below.
-            corner.start_um = ((corner.leg_m - corner.tangent_m - next_tangent_m).max(0.0) * UM_PER_M) as i64;
+            corner.start_um =
+                (greater(corner.leg_m - corner.tangent_m - next_tangent_m, 0.0) * UM_PER_M) as i64;
             next_tangent_m = corner.tangent_m;
         }
         let mut way_um = 0;
@@ -232,15 +235,15 @@ impl Lanes {
         if way_m < arc_m {
             return Some(in_fillet(from, way_m / arc_m));
         }
-        let straight_m = (from.leg_m - from.tangent_m - to.tangent_m).max(0.0);
-        let along_m = (way_m - arc_m).min(straight_m);
+        let straight_m = greater(from.leg_m - from.tangent_m - to.tangent_m, 0.0);
+        let along_m = lesser(way_m - arc_m, straight_m);
         let braking_m = straight_m - along_m;
         let speed = libm::sqrtf(to.speed_mps * to.speed_mps + 2.0 * ALONG_ACCEL_MPS2 * braking_m);
         Some(TrackPoint {
             pos_m: from.at_m + from.along * (from.tangent_m + along_m),
             along: from.along,
             curvature_per_m: 0.0,
-            speed_limit_mps: speed.min(self.cruise_mps),
+            speed_limit_mps: lesser(speed, self.cruise_mps),
         })
     }
 }
@@ -256,7 +259,7 @@ fn fillet(turn_rad: f32, room_m: f32) -> (f32, f32) {
     }
     // deviation / (1/cos - 1) without the cancellation.
     let radius_m = CORNER_DEVIATION_M * cos_half * (1.0 + cos_half) / (sin_half * sin_half);
-    let radius_m = radius_m.min(WIDEST_FILLET_M).min(room_m * cos_half / sin_half);
+    let radius_m = lesser(lesser(radius_m, WIDEST_FILLET_M), room_m * cos_half / sin_half);
     (radius_m * sin_half / cos_half, radius_m)
 }
 

@@ -5,7 +5,10 @@
 //! the phases it hears, and all slow down together when one of them falls behind its slot.
 
 use super::lanes::{ALONG_ACCEL_MPS2, Lanes, TrackPoint};
-use crate::STEP_S;
+use crate::{
+    STEP_S,
+    scalar::{greater, within},
+};
 use heapless::Vec;
 use skyroost_protocol::units::{DroneId, TimePs};
 
@@ -88,20 +91,20 @@ impl Zigzag {
             if age > MATE_FRESH {
                 continue;
             }
-            worst_error_m = worst_error_m.max(mate.error_m);
+            worst_error_m = greater(worst_error_m, mate.error_m);
             let moved_um = (mate.rate_mps * age.as_secs_f32() * 1e6) as i64;
             ahead_um += mate.phase_um + moved_um - self.phase_um;
             heard += 1;
         }
         let share = (STOP_ERROR_M - worst_error_m) / (STOP_ERROR_M - KEEP_SPEED_ERROR_M);
-        let profile = here.speed_limit_mps.max(CREEP_MPS) * share.clamp(0.0, 1.0);
+        let profile = greater(here.speed_limit_mps, CREEP_MPS) * within(share, 0.0, 1.0);
         // Mean over the fleet, this drone (difference zero) included.
         let lean = ahead_um as f32 * (1e-6 * CONSENSUS_GAIN_PER_S) / (heard + 1) as f32;
-        let wanted = (profile + lean.clamp(-CONSENSUS_LIMIT_MPS, CONSENSUS_LIMIT_MPS)).max(0.0);
+        let wanted = greater(profile + within(lean, -CONSENSUS_LIMIT_MPS, CONSENSUS_LIMIT_MPS), 0.0);
         let before = self.speed_mps;
         let most = ALONG_ACCEL_MPS2 * STEP_S;
         // Braking follows the profile even where it asks for a little more than accelerating may.
-        self.speed_mps = wanted.clamp((before - 2.0 * most).max(0.0), before + most);
+        self.speed_mps = within(wanted, greater(before - 2.0 * most, 0.0), before + most);
         self.accel_mps2 = (self.speed_mps - before) / STEP_S;
         self.phase_um = (self.phase_um + (self.speed_mps * (STEP_S * 1e6)) as i64).min(lanes.length_um());
         self.look_up(lanes)
