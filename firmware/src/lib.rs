@@ -35,6 +35,9 @@ pub type Vec3 = nalgebra::Vector3<f32>;
 /// A vector in the horizontal plane: east, north.
 pub type Vec2 = nalgebra::Vector2<f32>;
 
+/// The zero vector, where the compiler needs it.
+pub(crate) const ZERO: Vec3 = Vec3::new(0.0, 0.0, 0.0);
+
 /// Rate of [`agent::FlightAgent::step`], steps a second.
 pub const STEP_HZ: u32 = 50;
 /// Time from one step to the next, seconds.

@@ -61,6 +61,17 @@ pub struct PeerTable {
 }
 
 impl PeerTable {
+    /// Nobody heard of.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { peers: Vec::new() }
+    }
+
+    /// Forgets everybody.
+    pub fn clear(&mut self) {
+        self.peers.clear();
+    }
+
     /// Takes in a relayed state; an older one than known is ignored. A full table gives up the
     /// neighbour heard longest ago.
     pub fn update(&mut self, relayed: &PeerState, counters: &mut Counters) {

@@ -4,7 +4,7 @@
 //! without a word. What they tell each other only mends differences: each leans towards the mean of
 //! the phases it hears, and all slow down together when one of them falls behind its slot.
 
-use super::lanes::{ALONG_ACCEL_MPS2, Lanes, TrackPoint};
+use super::lanes::{ALONG_ACCEL_MPS2, Cursor, Lanes, TrackPoint};
 use crate::{
     STEP_S,
     scalar::{greater, within},
@@ -41,13 +41,26 @@ pub struct Zigzag {
     phase_um: i64,
     speed_mps: f32,
     accel_mps2: f32,
-    leg: usize,
+    cursor: Cursor,
     /// The track at `phase_um`, once it was looked up.
     here: Option<TrackPoint>,
     mates: Vec<MatePhase, 2>,
 }
 
 impl Zigzag {
+    /// At the start of the lanes, at rest.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            phase_um: 0,
+            speed_mps: 0.0,
+            accel_mps2: 0.0,
+            cursor: Cursor::new(),
+            here: None,
+            mates: Vec::new(),
+        }
+    }
+
     /// Way flown along the lanes, micrometres.
     #[must_use]
     pub fn phase_um(&self) -> i64 {
@@ -110,9 +123,9 @@ impl Zigzag {
         self.look_up(lanes)
     }
 
-    fn look_up(&mut self, lanes: &Lanes) -> Option<TrackPoint> {
-        self.leg = lanes.leg_at(self.phase_um, self.leg);
-        self.here = lanes.at(self.phase_um, self.leg);
+    /// The track where the phase stands. None without lanes.
+    pub fn look_up(&mut self, lanes: &Lanes) -> Option<TrackPoint> {
+        self.here = lanes.at(self.phase_um, &mut self.cursor);
         self.here
     }
 

@@ -35,6 +35,17 @@ pub struct Occasions {
 }
 
 impl Occasions {
+    /// Nothing announced.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { announced: Vec::new() }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.announced.clear();
+    }
+
     /// Takes in a request; entries whose time has passed or that do not fit are counted.
     pub fn announce(&mut self, now: TimePs, request: &SrsRequest, counters: &mut Counters) {
         let (mut at, mut occasion) = (request.start, request.first_occasion);
