@@ -73,7 +73,7 @@ mod tests {
             prop_assume!(n.norm() > 0.1);
             let (wanted, row) = (Vec3::from(v), HalfPlane { normal: n.normalize(), at_least: b });
             let found = nearest(wanted, &[row]);
-            let expected = wanted + row.normal * (b - row.normal.dot(&wanted)).max(0.0);
+            let expected = wanted + row.normal * greater(b - row.normal.dot(&wanted), 0.0);
             prop_assert!((found - expected).norm() < 0.02 * (1.0 + b.abs() + wanted.norm()));
         }
 

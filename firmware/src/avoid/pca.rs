@@ -163,7 +163,7 @@ mod tests {
                 prop_assert!((x.normal + y.normal).norm() < 1e-3, "{:?} {:?}", x, y);
             }
             if let (Some(x), Some(y)) = (from_a.get(1), from_b.get(1)) {
-                let tau = approach(&a, &b).unwrap().tau_s.clamp(SOONEST_S, HORIZON_S);
+                let tau = within(approach(&a, &b).unwrap().tau_s, SOONEST_S, HORIZON_S);
                 let push = |row: &HalfPlane, v: &Vec3| row.at_least - row.normal.dot(v);
                 let moved_m = (push(x, &a.vel_enu_mps) + push(y, &b.vel_enu_mps)) * tau;
                 let miss_m = approach(&a, &b).unwrap().pass_m.norm();

@@ -45,7 +45,8 @@ fn main() -> ! {
         *unknown() = encode_stream(unknown::<Frame>(), unknown::<StreamFrame>());
         match unknown::<StreamDecoder>().push(*unknown()) {
             Some(Ok(frame)) => {
-                *unknown() = Frame::from_slice(frame).is_ok_and(|frame| inputs.frames.push(frame).is_ok())
+                let frame = Frame::from_slice(frame);
+                *unknown() = frame.is_ok_and(|frame| inputs.frames.push(frame).is_ok());
             }
             Some(Err(error)) => *unknown() = error,
             None => {}

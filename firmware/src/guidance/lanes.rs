@@ -429,7 +429,7 @@ mod tests {
         let (mut phase_um, mut speed, mut cursor) = (0i64, 0.0f32, Cursor::default());
         for _ in 0..2_000_000 {
             let point = lanes.at(phase_um, &mut cursor).unwrap();
-            speed = point.speed_limit_mps.max(0.2).min(speed + ALONG_ACCEL_MPS2 * 0.02);
+            speed = lesser(greater(point.speed_limit_mps, 0.2), speed + ALONG_ACCEL_MPS2 * 0.02);
             visit(point, speed);
             if phase_um >= lanes.length_um() {
                 return;
@@ -442,7 +442,7 @@ mod tests {
     #[test]
     fn corners_are_flown_within_their_deviation() {
         let mut nearest = f32::INFINITY;
-        fly(&corner_lanes(), |p, _| nearest = nearest.min((p.pos_m - Vec2::new(1000.0, 0.0)).norm()));
+        fly(&corner_lanes(), |p, _| nearest = lesser((p.pos_m - Vec2::new(1000.0, 0.0)).norm(), nearest));
         assert!((nearest - CORNER_DEVIATION_M).abs() < 0.05, "passes the corner at {nearest} m");
     }
 
