@@ -100,8 +100,7 @@ fn cross() -> Outcome {
     ]))?;
     for board in &BOARDS {
         lint(toolchain.cargo("clippy").args(board.cargo_args()))?;
-        let path = board.build(toolchain)?;
-        println!("{}\n{}", board.name, board.usage(&path)?);
+        board.check(&board.build(toolchain)?)?;
     }
     Ok(())
 }
