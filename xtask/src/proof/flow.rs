@@ -4,6 +4,8 @@
 //! stack before it. Compilers keep the depth the same on every way to an instruction; where it differs,
 //! the deeper counts.
 
+use std::collections::BTreeSet;
+
 use super::elf::Elf;
 use super::thumb::{self, Op, SP, Value};
 
@@ -24,8 +26,17 @@ pub(super) struct Flow {
     pub(super) indirect: Vec<u32>,
     /// Where an instruction is reached that raises a fault.
     pub(super) traps: Vec<u32>,
+    /// Whether it may get back to its caller, by itself or by the functions it goes to for good.
+    pub(super) returns: bool,
     /// What this analysis could not follow, in words.
     pub(super) unknown: Vec<String>,
+}
+
+impl Flow {
+    /// Whether it surely does not get back to its caller.
+    pub(super) fn never_returns(&self) -> bool {
+        !self.returns && self.unknown.is_empty()
+    }
 }
 
 /// A call to a known address.
@@ -44,9 +55,11 @@ struct Instruction {
     is_conditional: bool,
 }
 
-/// Follows the function at `start..end`.
-pub(super) fn follow(elf: &Elf<'_>, start: u32, end: u32) -> Flow {
-    let mut walk = Walk { elf, end, code: Vec::new(), depths: Vec::new(), flow: Flow::default() };
+/// Follows the function at `start..end`. What comes after a call of one that `never_return` holds is not
+/// reached: compilers put anything there, data too.
+pub(super) fn follow(elf: &Elf<'_>, start: u32, end: u32, never_return: &BTreeSet<u32>) -> Flow {
+    let mut walk =
+        Walk { elf, end, never_return, code: Vec::new(), depths: Vec::new(), flow: Flow::default() };
     walk.decode(start);
     walk.depths = vec![None; walk.code.len()];
     let mut open = Vec::new();
@@ -60,6 +73,7 @@ pub(super) fn follow(elf: &Elf<'_>, start: u32, end: u32) -> Flow {
 struct Walk<'a> {
     elf: &'a Elf<'a>,
     end: u32,
+    never_return: &'a BTreeSet<u32>,
     code: Vec<Instruction>,
     /// The stack's depth before each instruction, as far as visited.
     depths: Vec<Option<i32>>,
@@ -111,7 +125,10 @@ impl Walk<'_> {
         match op {
             Op::Other | Op::IfThen(_) | Op::Set(..) => {}
             Op::Stack(grown) => after = Some(depth + grown),
-            Op::Return(_) => after = None,
+            Op::Return(_) => {
+                self.flow.returns = true;
+                after = None;
+            }
             Op::StackByRegister(register) => match self.constant(index, register) {
                 Some(grown) => after = Some(depth.saturating_add_unsigned(grown)),
                 None => self.is_unknown(address, "grows the stack by an unknown number"),
@@ -125,14 +142,20 @@ impl Walk<'_> {
                 if self.is_inside(target) {
                     self.reach(address, target, depth, open);
                 } else {
-                    self.call(target, depth);
+                    self.go_on_in(target, depth);
                 }
                 after = may_pass.then_some(depth);
             }
-            Op::Call(target) => self.call(target, depth),
+            Op::Call(target) => {
+                self.call(target, depth);
+                if self.never_return.contains(&target) {
+                    after = None;
+                }
+            }
             Op::CallRegister => note(&mut self.flow.indirect, address),
             Op::Jump => {
                 note(&mut self.flow.indirect, address);
+                self.flow.returns = true;
                 after = None;
             }
             Op::Table(of_halfwords) => {
@@ -152,12 +175,9 @@ impl Walk<'_> {
         let Some(after) = after else { return };
         self.flow.frame = self.flow.frame.max(after.max(0) as u32);
         if self.is_inside(end) {
-            // What follows a call that never returns may be data, or the end of the function.
-            if !(matches!(op, Op::Call(_) | Op::CallRegister) && self.index_of(end).is_none()) {
-                self.reach(address, end, after, open);
-            }
-        } else if !matches!(op, Op::Call(_) | Op::CallRegister) {
-            self.call(end, after); // assembly that runs on into the next function
+            self.reach(address, end, after, open);
+        } else if op != Op::CallRegister {
+            self.go_on_in(end, after); // assembly that runs on into the next function
         }
     }
 
@@ -169,6 +189,12 @@ impl Walk<'_> {
     fn call(&mut self, target: u32, depth: i32) {
         let depth = depth.max(0) as u32;
         note(&mut self.flow.calls, Call { target, depth });
+    }
+
+    /// Goes to another function in place of returning.
+    fn go_on_in(&mut self, target: u32, depth: i32) {
+        self.call(target, depth);
+        self.flow.returns |= !self.never_return.contains(&target);
     }
 
     /// Where the table at `start` leads: twice each entry, counted from the table (A7.7.185). It ends
@@ -251,12 +277,12 @@ mod tests {
             symbols.extend([("$d", from, 0, 0), ("$t", to, 0, 0)]);
         }
         let file = executable(0x100, &bytes, &symbols);
-        follow(&Elf::of(&file).unwrap(), 0x100, 0x100 + bytes.len() as u32)
+        follow(&Elf::of(&file).unwrap(), 0x100, 0x100 + bytes.len() as u32, &BTreeSet::from([0x300]))
     }
 
     #[test]
     fn a_leaf_takes_nothing() {
-        assert_eq!(flow(&[0x4770], &[]), Flow::default()); // bx lr
+        assert_eq!(flow(&[0x4770], &[]), Flow { returns: true, ..Flow::default() }); // bx lr
     }
 
     #[test]
@@ -265,6 +291,13 @@ mod tests {
         let flow = flow(&[0xb510, 0xb084, 0xf000, 0xf87c, 0xb004, 0xbd10], &[]);
         assert_eq!((flow.frame, flow.calls), (24, vec![Call { target: 0x200, depth: 24 }]));
         assert!(flow.unknown.is_empty() && flow.indirect.is_empty());
+    }
+
+    #[test]
+    fn nothing_is_reached_after_a_call_that_never_returns() {
+        // push {r7, lr}; bl 0x300; and data that begins like an instruction
+        let flow = flow(&[0xb580, 0xf000, 0xf8fd, 0xb5f0], &[]);
+        assert_eq!((flow.frame, flow.returns, flow.unknown.len()), (8, false, 0));
     }
 
     #[test]

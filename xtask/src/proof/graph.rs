@@ -1,6 +1,6 @@
 //! Who calls whom in an image, and how deep that makes the stack.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::demangle::demangle;
 use super::elf::{Elf, Symbol};
@@ -38,16 +38,27 @@ impl Graph {
         }
         let starts: Vec<u32> = by_start.keys().copied().collect();
         let mut functions: Vec<Function> = by_start
-            .iter()
-            .map(|(start, symbols)| {
-                let end = symbols.iter().map(|symbol| symbol.end).max().unwrap_or(*start);
-                Function {
-                    symbols: symbols.iter().map(|symbol| symbol.name.to_owned()).collect(),
-                    name: demangle(symbols[0].name),
-                    flow: flow::follow(elf, *start, end),
-                }
+            .values()
+            .map(|symbols| Function {
+                symbols: symbols.iter().map(|symbol| symbol.name.to_owned()).collect(),
+                name: demangle(symbols[0].name),
+                flow: Flow::default(),
             })
             .collect();
+        // Each round finds more functions that never return, because of those found before.
+        let mut never_return = BTreeSet::new();
+        loop {
+            let known = never_return.len();
+            for (function, (start, symbols)) in functions.iter_mut().zip(&by_start) {
+                let end = symbols.iter().map(|symbol| symbol.end).max().unwrap_or(*start);
+                function.flow = flow::follow(elf, *start, end, &never_return);
+            }
+            let flows = starts.iter().zip(&functions);
+            never_return.extend(flows.filter(|(_, f)| f.flow.never_returns()).map(|(start, _)| *start));
+            if never_return.len() == known {
+                break;
+            }
+        }
         let mut calls = Vec::new();
         for function in &mut functions {
             let mut called = Vec::new();
