@@ -6,7 +6,9 @@
 /// The path of a function, with its generic arguments, without hashes.
 pub(super) fn demangle(name: &str) -> String {
     let readable = match name.strip_prefix("_R") {
-        Some(rest) => V0 { text: rest.as_bytes(), at: 0, out: String::new(), steps: 0 }.whole(),
+        Some(rest) => {
+            V0 { text: rest.as_bytes(), at: 0, out: String::new(), is_type: false, steps: 0 }.whole()
+        }
         None => name.strip_prefix("_ZN").and_then(legacy),
     };
     readable.unwrap_or_else(|| name.to_owned())
@@ -36,6 +38,8 @@ struct V0<'a> {
     text: &'a [u8],
     at: usize,
     out: String,
+    /// Whether a path stands for a type.
+    is_type: bool,
     /// Productions read so far: back references must not make a short name endless.
     steps: u32,
 }
@@ -79,15 +83,18 @@ impl V0<'_> {
                 self.path()?;
                 self.write("::");
                 if space == b'C' {
-                    self.silently(Self::identifier)?;
-                    self.write("{closure}");
+                    let number = self.disambiguator()?;
+                    self.silently(Self::plain_identifier)?;
+                    self.write(&format!("{{closure#{number}}}"));
                     return Some(());
                 }
                 self.identifier()
             }
             b'I' => {
                 self.path()?;
-                self.write("::");
+                if !self.is_type {
+                    self.write("::");
+                }
                 self.bracketed(|v0| v0.list(Self::generic_argument))
             }
             b'B' => self.back(Self::path),
@@ -103,7 +110,7 @@ impl V0<'_> {
     fn kind_as_trait(&mut self) -> Option<()> {
         self.kind()?;
         self.write(" as ");
-        self.path()
+        self.path_of_type()
     }
 
     fn generic_argument(&mut self) -> Option<()> {
@@ -164,9 +171,17 @@ impl V0<'_> {
             b'B' => self.back(Self::kind)?,
             _ => {
                 self.at -= 1;
-                self.path()?;
+                self.path_of_type()?;
             }
         }
+        Some(())
+    }
+
+    /// A path where a type or trait is meant, whose generic arguments follow without `::`.
+    fn path_of_type(&mut self) -> Option<()> {
+        let outer = std::mem::replace(&mut self.is_type, true);
+        self.path()?;
+        self.is_type = outer;
         Some(())
     }
 
@@ -192,7 +207,7 @@ impl V0<'_> {
         self.write("dyn ");
         self.binder()?;
         while !self.takes(b'E') {
-            self.path()?;
+            self.path_of_type()?;
             while self.takes(b'p') {
                 self.silently(Self::plain_identifier)?;
                 self.silently(Self::kind)?;
@@ -286,11 +301,8 @@ impl V0<'_> {
         Some(())
     }
 
-    fn disambiguator(&mut self) -> Option<()> {
-        if self.takes(b's') {
-            self.base_62()?;
-        }
-        Some(())
+    fn disambiguator(&mut self) -> Option<u64> {
+        if self.takes(b's') { self.base_62()?.checked_add(1) } else { Some(0) }
     }
 
     fn binder(&mut self) -> Option<()> {
@@ -367,7 +379,7 @@ mod tests {
             ),
             (
                 "_RINvMNtNtCs3XPF8eqIezG_16embassy_executor8platform6threadNtB3_8Executor3runNCNvCs92WV3PUcZJ6_9stm32f40518___cortex_m_rt_main0EB1f_",
-                "<embassy_executor::platform::thread::Executor>::run::<stm32f405::__cortex_m_rt_main::{closure}>",
+                "<embassy_executor::platform::thread::Executor>::run::<stm32f405::__cortex_m_rt_main::{closure#0}>",
             ),
             (
                 "_RNvXs1g_NtCs2pbOJsOxIua_4core3fmtRDNtB6_5DebugEL_Bx_3fmtB8_",
