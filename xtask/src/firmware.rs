@@ -15,7 +15,7 @@ Usage: cargo xtask firmware --board NAME [--size] [--proof] [--root FUNCTION] [-
 
 Builds the flight code's image for a board and prints where it lies.
 
-  --board NAME     stm32f405: the flight board
+  --board NAME     stm32f405: the flight board; emulated: the same chip in the emulator
   --size           also print the flash and RAM that the image takes of the board's memory and of
                    its budget in firmware/budgets.toml
   --proof          also read in the image how much stack a step of the flight code takes at most, and fail
@@ -24,7 +24,7 @@ Builds the flight code's image for a board and prints where it lies.
   --figures FILE   hold figures that were measured against the budget too: lines of `key value`
 ";
 
-/// A board that has an image: `firmware/src/bin/NAME.rs`, built with the feature `board-NAME`.
+/// A board that has an image: `firmware/src/bin/NAME.rs` or `NAME/main.rs`, built with the feature `board-NAME`.
 pub(crate) struct Board {
     pub(crate) name: &'static str,
     /// The linker script with its memory, at the root of the workspace.
@@ -32,7 +32,10 @@ pub(crate) struct Board {
 }
 
 /// Every board there is.
-pub(crate) const BOARDS: [Board; 1] = [Board { name: "stm32f405", memory: "memory.x" }];
+pub(crate) const BOARDS: [Board; 2] = [Board { name: "stm32f405", memory: "memory.x" }, EMULATED];
+
+/// The board that whole missions are flown on without hardware.
+pub(crate) const EMULATED: Board = Board { name: "emulated", memory: "memory.x" };
 
 impl Board {
     fn named(name: &str) -> Outcome<&'static Self> {
@@ -54,7 +57,12 @@ impl Board {
     /// Builds the image and returns its path.
     pub(crate) fn build(&self, toolchain: Toolchain) -> Outcome<PathBuf> {
         process::run(toolchain.cargo("build").args(self.cargo_args()))?;
-        Ok(root().join(TARGET_DIR).join(TARGET).join("release").join(self.name))
+        Ok(self.image())
+    }
+
+    /// Where the image lies once it is built.
+    pub(crate) fn image(&self) -> PathBuf {
+        root().join(TARGET_DIR).join(TARGET).join("release").join(self.name)
     }
 
     /// The memory that the image at `path` takes.
@@ -200,13 +208,14 @@ mod tests {
     #[test]
     fn an_unknown_board_is_told_the_known_ones() {
         let Err(Failure::Usage(message)) = parse(&["--board=toaster".into()]) else { panic!("accepted") };
-        assert_eq!(message, "unknown board `toaster`; known: stm32f405");
+        assert_eq!(message, "unknown board `toaster`; known: stm32f405, emulated");
     }
 
     #[test]
     fn every_board_has_an_image_a_memory_map_and_a_line_of_help() {
         for board in &BOARDS {
-            assert!(root().join(format!("firmware/src/bin/{}.rs", board.name)).is_file());
+            let source = |end: &str| root().join(format!("firmware/src/bin/{}{end}", board.name));
+            assert!(source(".rs").is_file() || source("/main.rs").is_file());
             assert!(root().join(board.memory).is_file());
             assert!(HELP.contains(&format!("{}:", board.name)));
         }

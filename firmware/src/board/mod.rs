@@ -2,4 +2,8 @@
 //! flight code, which has neither; what can be decided without hardware is decided here, where the
 //! host can test it. The shells themselves are the images under `bin/`.
 
+pub mod bus;
 pub mod cadence;
+pub mod lockstep;
+#[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
+pub mod shell;
