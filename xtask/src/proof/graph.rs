@@ -163,6 +163,17 @@ impl Graph {
         chain
     }
 
+    /// The most stack that callers hold while they are in `root`, as far as they call directly.
+    pub(super) fn depth_above(&self, root: usize) -> u32 {
+        let mut callers: Vec<Vec<(usize, u32)>> = vec![Vec::new(); self.functions.len()];
+        for (caller, calls) in self.calls.iter().enumerate() {
+            for &(called, bytes) in calls {
+                callers[called].push((caller, bytes));
+            }
+        }
+        deepest_caller(root, &callers, &mut vec![None; callers.len()])
+    }
+
     /// The most stack that `function` and what it calls take.
     fn depth_below(&self, function: usize, known: &mut [Option<(u32, Link, Option<usize>)>]) -> u32 {
         if let Some((depth, ..)) = known[function] {
@@ -179,6 +190,19 @@ impl Graph {
         known[function] = Some(worst);
         worst.0
     }
+}
+
+/// The most stack on a way from `function` up through `callers`; a cycle is gone round once at most.
+fn deepest_caller(function: usize, callers: &[Vec<(usize, u32)>], known: &mut [Option<u32>]) -> u32 {
+    if let Some(depth) = known[function] {
+        return depth;
+    }
+    known[function] = Some(0);
+    let above =
+        callers[function].iter().map(|&(caller, bytes)| bytes + deepest_caller(caller, callers, known));
+    let depth = above.max().unwrap_or(0);
+    known[function] = Some(depth);
+    depth
 }
 
 #[cfg(test)]
@@ -210,6 +234,13 @@ mod tests {
         let bytes = |chain: &[Link]| chain.iter().map(|link| (link.function, link.bytes)).collect::<Vec<_>>();
         assert_eq!(bytes(&graph.deepest(0)), [(0, 8), (1, 150)]);
         assert_eq!(bytes(&graph.deepest(2)), [(2, 10), (3, 30)]);
+    }
+
+    #[test]
+    fn callers_hold_stack_too() {
+        // b calls a with 20 bytes in use; c calls d with 10 and d calls a with 30.
+        let graph = graph(&[(90, &[]), (50, &[(0, 20)]), (10, &[(3, 10)]), (30, &[(0, 30)])]);
+        assert_eq!((graph.depth_above(0), graph.depth_above(1)), (40, 0));
     }
 
     #[test]

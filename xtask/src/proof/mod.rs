@@ -27,6 +27,8 @@ pub(crate) struct Proof {
     root: String,
     /// How many functions the root can get to, itself included.
     reached: usize,
+    /// The most stack that its callers hold meanwhile, as far as they call directly, in bytes.
+    pub(crate) above_bytes: u32,
     /// The functions on the way that takes the most stack, each with the bytes it holds then.
     chain: Vec<(String, u32)>,
     /// Whatever keeps the function from being safe to call in flight; empty if it is.
@@ -76,7 +78,8 @@ impl Proof {
         }
         let deepest = graph.deepest(root);
         let chain = deepest.iter().map(|link| (name(link.function), link.bytes)).collect();
-        Self { root: name(root), reached: reached.len(), chain, faults }
+        let above_bytes = graph.depth_above(root);
+        Self { root: name(root), reached: reached.len(), above_bytes, chain, faults }
     }
 
     /// The most stack that the function can take, in bytes; none where it calls itself.
@@ -95,7 +98,7 @@ impl fmt::Display for Proof {
         for (name, bytes) in &self.chain {
             write!(f, "\n{bytes:12}  {name}")?;
         }
-        Ok(())
+        write!(f, "\n{:6} bytes of stack in those who call it", self.above_bytes)
     }
 }
 
@@ -161,7 +164,7 @@ mod tests {
     fn a_function_that_does_nothing_wrong_has_no_faults() {
         let proof = Proof::of(&image(&[("skyroost_step", Some(1)), ("leaf", None)]), None).unwrap();
         assert!(proof.faults.is_empty(), "{:?}", proof.faults);
-        assert_eq!(proof.stack_bytes(), Some(16));
+        assert_eq!((proof.stack_bytes(), proof.above_bytes), (Some(16), 0));
         let shown = proof.to_string();
         assert!(shown.starts_with("skyroost_step\n     2 functions reached\n    16 bytes"), "{shown}");
     }
