@@ -197,25 +197,25 @@ impl Walk<'_> {
         self.flow.returns |= !self.never_return.contains(&target);
     }
 
-    /// Where the table at `start` leads: twice each entry, counted from the table (A7.7.185). It ends
-    /// where the next instruction begins; a last byte that leads nowhere pads it to an even length.
+    /// Where the table at `start` leads: twice each entry, counted from the table (A7.7.185). Nothing says
+    /// how long it is, and constants may follow it. All its entries lead to instructions, so it ends before
+    /// the first that does not; what is taken too much leads into this function all the same.
     fn table(&mut self, start: u32, of_halfwords: bool) -> Vec<u32> {
         let next = self.code.partition_point(|instruction| instruction.address < start);
         let end = self.code.get(next).map_or(self.end, |instruction| instruction.address);
-        let bytes = self.elf.bytes(start, end);
-        let mut entries: Vec<u32> = if of_halfwords {
-            bytes.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]]).into()).collect()
-        } else {
-            bytes.iter().copied().map(u32::from).collect()
-        };
-        let leads = |entry: u32| start + 2 * entry;
-        if !of_halfwords && entries.last().is_some_and(|entry| self.index_of(leads(*entry)).is_none()) {
-            entries.pop();
+        let width = if of_halfwords { 2 } else { 1 };
+        let entries = self.elf.bytes(start, end).chunks_exact(width).map(|entry| match *entry {
+            [low, high] => u32::from(u16::from_le_bytes([low, high])),
+            _ => u32::from(entry[0]),
+        });
+        let targets: Vec<u32> = entries
+            .map(|entry| start + 2 * entry)
+            .take_while(|target| *target < self.end && self.index_of(*target).is_some())
+            .collect();
+        if targets.is_empty() {
+            self.is_unknown(start, "a table of branches that leads nowhere");
         }
-        if entries.is_empty() {
-            self.is_unknown(start, "a table of branches without entries");
-        }
-        entries.into_iter().map(leads).collect()
+        targets
     }
 
     /// The instruction shortly before `index` that sets `register`, and what to.
@@ -320,6 +320,13 @@ mod tests {
         let flow = flow(&[0xe8df, 0xf001, 0x0302, 0xbf00, 0x4770, 0xde00], &[(0x104, 0x106)]);
         assert_eq!(flow.traps, [0x10a]);
         assert!(flow.unknown.is_empty() && flow.indirect.is_empty(), "{flow:?}");
+    }
+
+    #[test]
+    fn a_table_ends_where_its_entries_lead_nowhere() {
+        // tbh [pc, r1]: 4 -> bx lr; then a constant
+        let flow = flow(&[0xe8df, 0xf011, 0x0004, 0xffff, 0x0004, 0xbf00, 0x4770], &[(0x104, 0x10a)]);
+        assert!(flow.returns && flow.unknown.is_empty(), "{flow:?}");
     }
 
     #[test]
