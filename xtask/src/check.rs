@@ -105,7 +105,7 @@ fn cross() -> Outcome {
     for board in &BOARDS {
         lint(toolchain.cargo("clippy").args(board.cargo_args()))?;
         let image = board.build(toolchain)?;
-        faults.extend(board.check(&image).err().map(|failure| failure.to_string()));
+        faults.extend(board.check(&image, Vec::new()).err().map(|failure| failure.to_string()));
     }
     if faults.is_empty() { Ok(()) } else { Err(Failure::Failed(faults.join("\n"))) }
 }

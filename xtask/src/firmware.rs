@@ -21,7 +21,9 @@ Builds the flight code's image for a board and prints where it lies.
   --proof          also read in the image how much stack a step of the flight code takes at most, and fail
                    if the image is over its budget or a step can panic, allocate or recurse
   --root FUNCTION  follow another function than the step; without a judgement
-  --figures FILE   hold figures that were measured against the budget too: lines of `key value`
+  --figures FILE   the same, and hold figures that were measured by running the image against the budget
+                   too: lines of `key value`, with the budget's keys, and `stack_bytes` for the deepest
+                   stack of all
 ";
 
 /// A board that has an image: `firmware/src/bin/NAME.rs` or `NAME/main.rs`, built with the feature `board-NAME`.
@@ -33,6 +35,9 @@ pub(crate) struct Board {
 
 /// Every board there is.
 pub(crate) const BOARDS: [Board; 2] = [Board { name: "stm32f405", memory: "memory.x" }, EMULATED];
+
+/// The figure of a stack measured by running an image, all but variables.
+const STACK_MEASURED: &str = "stack_bytes";
 
 /// The board that whole missions are flown on without hardware.
 pub(crate) const EMULATED: Board = Board { name: "emulated", memory: "memory.x" };
@@ -83,27 +88,25 @@ impl Board {
         Budget::of(self.name, &text).map_err(Failure::while_doing(budget::FILE))
     }
 
-    /// Prints what can be known of the image at `path` without running it, and fails if it should not fly:
-    /// it is over its budget, or a step can panic, allocate or recurse.
-    pub(crate) fn check(&self, path: &Path) -> Outcome {
+    /// Prints what can be known of the image at `path` without running it, and what was `measured` by running
+    /// it. Fails if it should not fly: it is over its budget, or a step can panic, allocate or recurse.
+    pub(crate) fn check(&self, path: &Path, measured: Vec<Figure>) -> Outcome {
         let usage = self.usage(path)?;
         let proof = self.proof(path, None)?;
-        let stack = proof.stack_bytes().unwrap_or_default();
         println!("{}: {proof}", self.name);
-        let figures = [
+        let step_stack = proof.stack_bytes().unwrap_or_default();
+        let stack_measured = measured.iter().find(|figure| figure.key == STACK_MEASURED);
+        // Reading the image leaves out interrupts, running it whatever did not happen.
+        let stack = (u64::from(proof.above_bytes) + step_stack).max(stack_measured.map_or(0, |f| f.value));
+        let mut figures = vec![
             Figure::new("flash_bytes", usage.flash),
-            // What the executor and interrupts take comes on top when the image runs.
-            Figure::new("ram_and_stack_bytes", usage.ram + u64::from(proof.above_bytes) + stack),
-            Figure::new("step_stack_bytes", stack),
+            Figure::new("ram_and_stack_bytes", usage.ram + stack),
+            Figure::new("step_stack_bytes", step_stack),
         ];
-        self.judge(&figures, proof.faults)
-    }
-
-    /// Prints figures beside the board's budget. Fails if one is above it, or if there are faults.
-    fn judge(&self, figures: &[Figure], faults: Vec<String>) -> Outcome {
-        let table = self.budget()?.hold(figures);
+        figures.extend(measured);
+        let table = self.budget()?.hold(&figures);
         println!("{table}");
-        let faults = [table.excesses(), faults].concat();
+        let faults = [table.excesses(), proof.faults].concat();
         if faults.is_empty() {
             return Ok(());
         }
@@ -131,15 +134,14 @@ pub(crate) fn run(args: &[String]) -> Outcome {
             ])
         );
     }
-    if let Some(file) = figures {
-        let text = fs::read_to_string(&file).map_err(Failure::while_doing(&file))?;
-        let figures = Figure::read(&text).map_err(Failure::while_doing(&file))?;
-        board.judge(&figures, Vec::new())?;
+    match figures {
+        Some(file) => {
+            let text = fs::read_to_string(&file).map_err(Failure::while_doing(&file))?;
+            board.check(&path, Figure::read(&text).map_err(Failure::while_doing(&file))?)
+        }
+        None if with_proof => board.check(&path, Vec::new()),
+        None => Ok(()),
     }
-    if with_proof {
-        board.check(&path)?;
-    }
-    Ok(())
 }
 
 fn read(path: &Path) -> Outcome<Vec<u8>> {

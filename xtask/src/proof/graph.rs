@@ -163,15 +163,26 @@ impl Graph {
         chain
     }
 
-    /// The most stack that callers hold while they are in `root`, as far as they call directly.
-    pub(super) fn depth_above(&self, root: usize) -> u32 {
+    /// The most stack that callers hold while they are in `root`. Where the ways up end before `entry`, at
+    /// a function that is called by pointer, all that `entry` may hold at any call by pointer counts as well.
+    pub(super) fn depth_above(&self, root: usize, entry: Option<usize>) -> u32 {
         let mut callers: Vec<Vec<(usize, u32)>> = vec![Vec::new(); self.functions.len()];
         for (caller, calls) in self.calls.iter().enumerate() {
             for &(called, bytes) in calls {
                 callers[called].push((caller, bytes));
             }
         }
-        deepest_caller(root, &callers, &mut vec![None; callers.len()])
+        let mut known = vec![None; callers.len()];
+        let below_entry = entry.map(|entry| self.reached(entry)).unwrap_or_default();
+        let direct = deepest_caller(root, &callers, &mut known);
+        if below_entry.contains_key(&root) {
+            return direct;
+        }
+        let by_pointer = below_entry
+            .keys()
+            .filter(|function| !self.functions[**function].flow.indirect.is_empty())
+            .map(|f| self.functions[*f].flow.frame + deepest_caller(*f, &callers, &mut known));
+        direct + by_pointer.max().unwrap_or(0)
     }
 
     /// The most stack that `function` and what it calls take.
@@ -239,8 +250,18 @@ mod tests {
     #[test]
     fn callers_hold_stack_too() {
         // b calls a with 20 bytes in use; c calls d with 10 and d calls a with 30.
-        let graph = graph(&[(90, &[]), (50, &[(0, 20)]), (10, &[(3, 10)]), (30, &[(0, 30)])]);
-        assert_eq!((graph.depth_above(0), graph.depth_above(1)), (40, 0));
+        let mut graph = graph(&[
+            (90, &[]),
+            (50, &[(0, 20)]),
+            (10, &[(3, 10)]),
+            (30, &[(0, 30)]),
+            (8, &[(5, 8)]),
+            (100, &[]),
+        ]);
+        assert_eq!((graph.depth_above(0, None), graph.depth_above(1, None)), (40, 0));
+        // e is the entry and gets to f, which calls by pointer: b or c, for all one knows.
+        graph.functions[5].flow.indirect.push(0x100);
+        assert_eq!((graph.depth_above(0, Some(4)), graph.depth_above(0, Some(2))), (40 + 8 + 100, 40));
     }
 
     #[test]

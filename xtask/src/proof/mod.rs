@@ -21,13 +21,16 @@ use graph::{Function, Graph};
 /// Where the flight code begins: an exported function around the step, or the step itself.
 const STEP: [&str; 2] = ["skyroost_step", "<skyroost_firmware::agent::FlightAgent>::step"];
 
+/// Where the image begins.
+const ENTRY: &str = "Reset";
+
 /// What was found out of a function and all that it calls.
 #[derive(Debug)]
 pub(crate) struct Proof {
     root: String,
     /// How many functions the root can get to, itself included.
     reached: usize,
-    /// The most stack that its callers hold meanwhile, as far as they call directly, in bytes.
+    /// The most stack that its callers hold meanwhile, as far as can be read, in bytes.
     pub(crate) above_bytes: u32,
     /// The functions on the way that takes the most stack, each with the bytes it holds then.
     chain: Vec<(String, u32)>,
@@ -78,7 +81,7 @@ impl Proof {
         }
         let deepest = graph.deepest(root);
         let chain = deepest.iter().map(|link| (name(link.function), link.bytes)).collect();
-        let above_bytes = graph.depth_above(root);
+        let above_bytes = graph.depth_above(root, graph.find(ENTRY));
         Self { root: name(root), reached: reached.len(), above_bytes, chain, faults }
     }
 
