@@ -84,7 +84,7 @@ impl<'a> Elf<'a> {
             let start = value & !1; // the lowest bit says "Thumb"
             match kind {
                 STT_FUNC if self.section(start).is_some() => {
-                    self.functions.push(Symbol { name, start, end: start + size });
+                    self.functions.push(Symbol { name, start, end: start.saturating_add(size) });
                 }
                 STT_NOTYPE if name == "$t" || name.starts_with("$t.") => self.marks.push((start, true)),
                 STT_NOTYPE if name == "$d" || name.starts_with("$d.") => self.marks.push((start, false)),
@@ -100,7 +100,7 @@ impl<'a> Elf<'a> {
             if start == end {
                 let next = self.functions[index..].iter().map(|next| next.start).find(|next| *next > start);
                 let section = self.section(start)?;
-                let section_end = section.address + section.bytes.len() as u32;
+                let section_end = section.address.saturating_add(section.bytes.len() as u32);
                 self.functions[index].end = next.unwrap_or(section_end).min(section_end);
             }
         }

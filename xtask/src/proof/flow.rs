@@ -12,8 +12,8 @@ use super::thumb::{self, Op, SP, Value};
 /// How many instructions back the definition of a register is looked for. Compilers put it right before.
 const LOOK_BACK: usize = 6;
 
-/// A depth beyond which a loop must be what grows the stack; the chip has 128 KiB of RAM.
-const TOO_DEEP: i32 = 1 << 20;
+/// A depth beyond which nothing is followed, in bytes: twice the RAM there is. A loop may grow the stack.
+const TOO_DEEP: i32 = 256 * 1024;
 
 /// What a function does to the stack.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -87,8 +87,13 @@ impl Walk<'_> {
             while let Some((op, length)) = thumb::decode(self.elf.bytes(address, end), address) {
                 let is_conditional = conditional > 0;
                 conditional = if let Op::IfThen(count) = op { count } else { conditional.saturating_sub(1) };
-                self.code.push(Instruction { address, end: address + length, op, is_conditional });
-                address += length;
+                self.code.push(Instruction {
+                    address,
+                    end: address.saturating_add(length),
+                    op,
+                    is_conditional,
+                });
+                address = address.saturating_add(length);
             }
         }
     }
@@ -103,7 +108,7 @@ impl Walk<'_> {
             return self.is_unknown(from, &format!("goes to {target:#x}, where no instruction begins"));
         };
         if depth > TOO_DEEP {
-            return self.is_unknown(from, "a loop that grows the stack");
+            return self.is_unknown(from, "the stack grows beyond 256 KiB");
         }
         if self.depths[index].is_none_or(|known| known < depth) {
             self.depths[index] = Some(depth);
@@ -124,7 +129,7 @@ impl Walk<'_> {
         let mut after = Some(depth);
         match op {
             Op::Other | Op::IfThen(_) | Op::Set(..) => {}
-            Op::Stack(grown) => after = Some(depth + grown),
+            Op::Stack(grown) => after = Some(depth.saturating_add(grown)),
             Op::Return(_) => {
                 self.flow.returns = true;
                 after = None;
@@ -134,7 +139,7 @@ impl Walk<'_> {
                 None => self.is_unknown(address, "grows the stack by an unknown number"),
             },
             Op::StackFrom(register, add) => match self.depth_of(index, register) {
-                Some(known) => after = Some(known - add),
+                Some(known) => after = Some(known.saturating_sub(add)),
                 None => self.is_unknown(address, "sets the stack pointer to an unknown address"),
             },
             Op::StackUnknown => self.is_unknown(address, "moves the stack pointer in an unknown way"),
@@ -209,7 +214,7 @@ impl Walk<'_> {
             _ => u32::from(entry[0]),
         });
         let targets: Vec<u32> = entries
-            .map(|entry| start + 2 * entry)
+            .map(|entry| start.saturating_add(2 * entry))
             .take_while(|target| *target < self.end && self.index_of(*target).is_some())
             .collect();
         if targets.is_empty() {
@@ -250,9 +255,11 @@ impl Walk<'_> {
             (register == FRAME_POINTER).then(found)?
         })?;
         match value {
-            Value::Sum(base, add) => Some(self.depth_of(at, base)? - add),
+            Value::Sum(base, add) => Some(self.depth_of(at, base)?.saturating_sub(add)),
             // The stack is aligned to words before; at worst, all bits above those get cleared.
-            Value::Aligned(bits) => Some(self.depth_of(at, register)? + ((1 << bits.clamp(2, 16)) - 4)),
+            Value::Aligned(bits) => {
+                Some(self.depth_of(at, register)?.saturating_add((1 << bits.clamp(2, 16)) - 4))
+            }
             Value::Constant(_) | Value::Upper(_) => None,
         }
     }
@@ -353,7 +360,7 @@ mod tests {
         assert_eq!(flow(&[0x4718], &[]).indirect, [0x100]); // bx r3
         assert_eq!(flow(&[0x4798, 0x4770], &[]).indirect, [0x100]); // blx r3; bx lr
         assert_eq!(flow(&[0x46a5, 0x4770], &[]).unknown.len(), 1); // mov sp, r4
-        assert_eq!(flow(&[0xb401, 0xe7fd], &[]).unknown, ["0x100: a loop that grows the stack"]); // push; b
+        assert_eq!(flow(&[0xb401, 0xe7fd], &[]).unknown, ["0x100: the stack grows beyond 256 KiB"]); // push; b
         let calls = flow(&[0xb401], &[]).calls; // push {r0} and on into the next function
         assert_eq!(calls, [Call { target: 0x102, depth: 4 }]);
     }

@@ -18,8 +18,13 @@ use std::fmt;
 use elf::Elf;
 use graph::{Function, Graph};
 
-/// Where the flight code begins: an exported function around the step, or the step itself.
-const STEP: [&str; 2] = ["skyroost_step", "<skyroost_firmware::agent::FlightAgent>::step"];
+/// Where the flight code begins: an exported function around the step, or the step itself as the newer
+/// and the older mangling name it.
+const STEP: [&str; 3] = [
+    "skyroost_step",
+    "<skyroost_firmware::agent::FlightAgent>::step",
+    "skyroost_firmware::agent::FlightAgent::step",
+];
 
 /// Where the image begins.
 const ENTRY: &str = "Reset";
@@ -50,7 +55,7 @@ impl Proof {
             None => STEP.iter().find_map(|name| graph.find(name)),
         };
         let found = found.ok_or_else(|| {
-            format!("the image has no function {}", root.unwrap_or("around the flight code's step"))
+            format!("the image has no function {}", root.unwrap_or("skyroost_step, nor FlightAgent::step"))
         })?;
         // What comes after a panic has begun is no part of the flight.
         graph.cut(|function| forbidden(&function.name).is_some());
@@ -200,6 +205,26 @@ mod tests {
         assert_eq!(Proof::of(&file, None).unwrap().root, STEP[1]);
         assert_eq!(Proof::of(&file, Some("mian")).unwrap_err(), "the image has no function mian");
         assert!(Proof::of(&image(&[("main", None)]), None).is_err());
+    }
+
+    #[test]
+    fn no_code_whatever_makes_the_reading_panic() {
+        let mut state: u64 = 1; // Knuth's MMIX generator
+        for _ in 0..2000 {
+            let code: Vec<u8> = (0..64)
+                .map(|_| {
+                    state =
+                        state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    (state >> 56) as u8
+                })
+                .collect();
+            for address in [0x100, 0xffff_ff80] {
+                let symbols =
+                    [("main", address | 1, 40, 2), ("$t", address, 0, 0), ("g", address + 41, 0, 2)];
+                let file = elf::build::executable(address, &code, &symbols);
+                let _ = Proof::of(&file, Some("main")).map(|proof| proof.to_string());
+            }
+        }
     }
 
     #[test]
