@@ -26,7 +26,8 @@ Builds the flight code's image for a board and prints where it lies.
                    stack of all
 ";
 
-/// A board that has an image: `firmware/src/bin/NAME.rs` or `NAME/main.rs`, built with the feature `board-NAME`.
+/// A board that has an image: `firmware/src/bin/NAME.rs` or `NAME/main.rs`, built with the feature
+/// `board-NAME`.
 pub(crate) struct Board {
     pub(crate) name: &'static str,
     /// The linker script with its memory, at the root of the workspace.
