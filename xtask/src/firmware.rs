@@ -95,15 +95,16 @@ impl Board {
         let usage = self.usage(path)?;
         let proof = self.proof(path, None)?;
         println!("{}: {proof}", self.name);
-        let step_stack = proof.stack_bytes().unwrap_or_default();
-        let stack_measured = measured.iter().find(|figure| figure.key == STACK_MEASURED);
-        // Reading the image leaves out interrupts, running it whatever did not happen.
-        let stack = (u64::from(proof.above_bytes) + step_stack).max(stack_measured.map_or(0, |f| f.value));
-        let mut figures = vec![
-            Figure::new("flash_bytes", usage.flash),
-            Figure::new("ram_and_stack_bytes", usage.ram + stack),
-            Figure::new("step_stack_bytes", step_stack),
-        ];
+        let mut figures = vec![Figure::new("flash_bytes", usage.flash)];
+        // Without a bound, for a step that calls itself, there is no figure, but a fault.
+        if let Some(step_stack) = proof.stack_bytes() {
+            let stack_read = u64::from(proof.above_bytes) + step_stack;
+            let stack_measured = measured.iter().find(|figure| figure.key == STACK_MEASURED);
+            // Reading the image leaves out interrupts; running it, whatever did not happen.
+            let stack = stack_measured.map_or(0, |figure| figure.value).max(stack_read);
+            figures.push(Figure::new("ram_and_stack_bytes", usage.ram + stack));
+            figures.push(Figure::new("step_stack_bytes", step_stack));
+        }
         figures.extend(measured);
         let table = self.budget()?.hold(&figures);
         println!("{table}");
