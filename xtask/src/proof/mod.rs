@@ -15,6 +15,7 @@ mod thumb;
 use std::collections::BTreeMap;
 use std::fmt;
 
+use demangle::demangle;
 use elf::Elf;
 use graph::{Function, Graph};
 
@@ -58,7 +59,7 @@ impl Proof {
             format!("the image has no function {}", root.unwrap_or("skyroost_step, nor FlightAgent::step"))
         })?;
         // What comes after a panic has begun is no part of the flight.
-        graph.cut(|function| forbidden(&function.name).is_some());
+        graph.cut(|function| forbidden_as(function).is_some());
         Ok(Self::of_graph(&graph, found))
     }
 
@@ -71,7 +72,7 @@ impl Proof {
             faults.push(format!("recursion: {}", names.join(" -> ")));
         }
         faults.extend(forbidden_calls(graph, &reached));
-        for function in reached.keys().filter(|index| forbidden(&graph.functions[**index].name).is_none()) {
+        for function in reached.keys().filter(|index| forbidden_as(&graph.functions[**index]).is_none()) {
             let Function { name, flow, .. } = &graph.functions[*function];
             let at = |addresses: &[u32]| {
                 addresses.iter().map(|address| format!("{address:#x}")).collect::<Vec<_>>().join(", ")
@@ -115,7 +116,7 @@ fn forbidden_calls(graph: &Graph, reached: &BTreeMap<usize, usize>) -> Vec<Strin
     let mut faults = Vec::new();
     for &caller in reached.keys() {
         for called in graph.called_by(caller) {
-            if let Some(what) = forbidden(&graph.functions[called].name) {
+            if let Some(what) = forbidden_as(&graph.functions[called]) {
                 let mut way = graph.way(reached, caller);
                 way.push(&graph.functions[called].name);
                 let fault = format!("{what}: {}", way.join(" -> "));
@@ -126,6 +127,11 @@ fn forbidden_calls(graph: &Graph, reached: &BTreeMap<usize, usize>) -> Vec<Strin
         }
     }
     faults
+}
+
+/// What a function is by any of its names that has no place in flight code: compilers fold equal functions.
+fn forbidden_as(function: &Function) -> Option<&'static str> {
+    function.symbols.iter().find_map(|symbol| forbidden(&demangle(symbol)))
 }
 
 /// What a function of this name stands for that has no place in flight code.
@@ -195,6 +201,16 @@ mod tests {
         assert_eq!(proof.faults, ["panic: skyroost_step -> helper -> core::panicking::panic"]);
         let file = image(&[("skyroost_step", Some(1)), ("__rust_alloc", None)]);
         assert_eq!(Proof::of(&file, None).unwrap().faults, ["allocation: skyroost_step -> __rust_alloc"]);
+    }
+
+    #[test]
+    fn a_panic_is_known_by_any_of_its_names() {
+        let halves: [u16; 5] = [0xb510, 0xf000, 0xf801, 0xbd10, 0x4770]; // push; bl 0x108; pop; bx lr
+        let code: Vec<u8> = halves.iter().flat_map(|half| half.to_le_bytes()).collect();
+        let panic = "_RNvNtCs2pbOJsOxIua_4core9panicking5panic";
+        let symbols = [("skyroost_step", 0x101, 8, 2), ("harmless", 0x109, 2, 2), (panic, 0x109, 2, 2)];
+        let file = elf::build::executable(0x100, &code, &symbols);
+        assert_eq!(Proof::of(&file, None).unwrap().faults, ["panic: skyroost_step -> harmless"]);
     }
 
     #[test]
