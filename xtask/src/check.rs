@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 use std::{fmt, io};
 
-use crate::firmware::{self, BOARDS};
+use crate::firmware::{self, BOARDS, Board};
 use crate::process::{self, Failure, Outcome, cargo, target_dir};
 use crate::setup;
 
@@ -101,12 +101,12 @@ fn cross() -> Outcome {
         "--package=skyroost-firmware",
         "--lib",
     ]))?;
-    let mut faults = Vec::new();
-    for board in &BOARDS {
+    let check = |board: &Board| {
         lint(toolchain.cargo("clippy").args(board.cargo_args()))?;
-        let image = board.build(toolchain)?;
-        faults.extend(board.check(&image, Vec::new()).err().map(|failure| failure.to_string()));
-    }
+        board.check(&board.build(toolchain)?, Vec::new())
+    };
+    let outcomes = BOARDS.iter().map(check);
+    let faults: Vec<String> = outcomes.filter_map(|outcome| Some(outcome.err()?.to_string())).collect();
     if faults.is_empty() { Ok(()) } else { Err(Failure::Failed(faults.join("\n"))) }
 }
 
