@@ -3,3 +3,7 @@
 //! host can test it. The shells themselves are the images under `bin/`.
 
 pub mod cadence;
+pub mod gnss_clock;
+pub mod pulse_line;
+pub mod second_label;
+pub mod ticks;
