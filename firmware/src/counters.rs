@@ -35,6 +35,76 @@ impl Counters {
         *counter = counter.saturating_add(1);
     }
 
+    /// How many counts there are.
+    pub const COUNT: usize = 12;
+
+    /// All counts, in the order in which they are declared.
+    #[must_use]
+    pub fn to_array(&self) -> [u32; Self::COUNT] {
+        // Named in full, so that a new count cannot be forgotten.
+        let Self {
+            frames_rejected,
+            frames_repeated,
+            frames_unexpected,
+            frames_overflowed,
+            srs_late,
+            srs_overflowed,
+            captures_unknown,
+            captures_overflowed,
+            peers_evicted,
+            peers_expired,
+            lanes_refused,
+            not_finite,
+        } = *self;
+        [
+            frames_rejected,
+            frames_repeated,
+            frames_unexpected,
+            frames_overflowed,
+            srs_late,
+            srs_overflowed,
+            captures_unknown,
+            captures_overflowed,
+            peers_evicted,
+            peers_expired,
+            lanes_refused,
+            not_finite,
+        ]
+    }
+
+    /// The counts of [`to_array`](Self::to_array).
+    #[must_use]
+    pub fn from_array(counts: [u32; Self::COUNT]) -> Self {
+        let [
+            frames_rejected,
+            frames_repeated,
+            frames_unexpected,
+            frames_overflowed,
+            srs_late,
+            srs_overflowed,
+            captures_unknown,
+            captures_overflowed,
+            peers_evicted,
+            peers_expired,
+            lanes_refused,
+            not_finite,
+        ] = counts;
+        Self {
+            frames_rejected,
+            frames_repeated,
+            frames_unexpected,
+            frames_overflowed,
+            srs_late,
+            srs_overflowed,
+            captures_unknown,
+            captures_overflowed,
+            peers_evicted,
+            peers_expired,
+            lanes_refused,
+            not_finite,
+        }
+    }
+
     /// Everything but the frames, in one number for telemetry.
     #[must_use]
     pub fn dropped(&self) -> u32 {

@@ -2,8 +2,10 @@
 //! flight code, which has neither; what can be decided without hardware is decided here, where the
 //! host can test it. The shells themselves are the images under `bin/`.
 
+pub mod bus;
 pub mod cadence;
 pub mod gnss_clock;
+pub mod lockstep;
 pub mod pulse_line;
 pub mod second_label;
 pub mod ticks;

@@ -1,0 +1,485 @@
+//! The bus of a board: what its flight code senses and does, as messages on a byte link.
+//!
+//! On the bus the host takes the places of autopilot, cell and radio (hardware in the loop): it sends what
+//! the drone senses in a step, has the step done, and hears what the drone wants done. The radio's bytes
+//! travel along, exactly as they cross the radio ([`skyroost_protocol::stream`]), in messages of their own.
+//!
+//! A message is [postcard](https://postcard.jamesmunns.com/wire-format) in a frame of the same byte link:
+//! COBS, CRC-32, a zero on both sides. Numbers keep all their bits, those of a NaN as well.
+//!
+//! # A step over a link that loses frames
+//! The inputs of a step are one [`ToBoard::Step`] and, before it, as many numbered [`ToBoard::Sense`] as it
+//! says. The board takes parts in their order only. When the step comes and parts are missing, it names the
+//! first missing one ([`FromBoard::Missing`]), and the host sends from there. When all are there the step is
+//! done, once, and answered by numbered [`FromBoard::Act`] and a [`FromBoard::Done`]. The host repeats the step
+//! until it has the whole answer, saying how much of it has arrived; the board repeats the rest. So nothing
+//! is lost, nothing is done twice, and the board needs no clock for it: whatever a damaged link does, the
+//! flight is the same to the bit.
+
+use crate::{
+    Vec3,
+    config::{AgentConfig, FlightLimits, SupervisorConfig},
+    counters::Counters,
+    io::{Capture, NavFix, Setpoint, SrsGate},
+    srs::clock::TickRate,
+};
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+use skyroost_protocol::{
+    codec::MAX_FRAME,
+    message::AttachedUser,
+    stream::{StreamFrame, encode_stream},
+    units::{DroneId, OccasionId, TimePs, UserId},
+};
+
+/// Version of the bus; with the radio's schema hash it says whether host and image understand each other.
+pub const BUS_VERSION: u16 = 1;
+
+/// Most bytes of the radio in one message.
+pub const MAX_RADIO_PART: usize = 200;
+/// Most captures in one message.
+pub const MAX_CAPTURES_PART: usize = 8;
+/// Most users heard in one message.
+pub const MAX_ATTACHED_PART: usize = 8;
+/// Most gates in one message.
+pub const MAX_GATES_PART: usize = 4;
+
+/// Host to board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToBoard {
+    /// Forget everything and be the drone of this configuration.
+    Begin(Begin),
+    /// Part `index` of what is sensed in step `step`.
+    Sense {
+        /// Number of the step.
+        step: u32,
+        /// Number of the part in the step, from 0.
+        index: u16,
+        /// The part.
+        part: SensePart,
+    },
+    /// Do step `step` once all its parts are there; answer from part `have` on.
+    Step {
+        /// Number of the step: one more than that of the step before, from 1.
+        step: u32,
+        /// Parts that belong to it.
+        parts: u16,
+        /// Parts of the answer that have arrived already.
+        have: u16,
+        /// What fits every step.
+        head: StepHead,
+    },
+    /// Say how you fared.
+    Report,
+}
+
+/// How a drone is born on the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Begin {
+    /// The host's [`BUS_VERSION`].
+    pub bus_version: u16,
+    /// The host's [`SCHEMA_HASH`](skyroost_protocol::SCHEMA_HASH).
+    pub schema_hash: u32,
+    /// Bytes of the radio in a message of the answer, at most [`MAX_RADIO_PART`]: few where the link damages
+    /// bytes.
+    pub radio_part: u8,
+    /// The drone.
+    pub config: WireConfig,
+}
+
+/// [`AgentConfig`] as it crosses the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WireConfig {
+    id: DroneId,
+    boot_epoch: u16,
+    capture_rate_hz: u32,
+    share_period: TimePs,
+    max_speed_mps: f32,
+    max_accel_mps2: f32,
+    max_vertical_mps: f32,
+    link_warn_ms: u32,
+    link_hold_ms: u32,
+    link_return_ms: u32,
+    nav_lost_ms: u32,
+    battery_low_permille: u16,
+    battery_critical_permille: u16,
+}
+
+impl From<&AgentConfig> for WireConfig {
+    fn from(config: &AgentConfig) -> Self {
+        // Named in full, so that a new constant cannot be forgotten.
+        let AgentConfig { id, boot_epoch, capture_rate, share_period, limits, supervisor } = *config;
+        let FlightLimits { max_speed_mps, max_accel_mps2, max_vertical_mps } = limits;
+        let SupervisorConfig {
+            link_warn_ms,
+            link_hold_ms,
+            link_return_ms,
+            nav_lost_ms,
+            battery_low_permille,
+            battery_critical_permille,
+        } = supervisor;
+        Self {
+            id,
+            boot_epoch,
+            capture_rate_hz: capture_rate.hz(),
+            share_period,
+            max_speed_mps,
+            max_accel_mps2,
+            max_vertical_mps,
+            link_warn_ms,
+            link_hold_ms,
+            link_return_ms,
+            nav_lost_ms,
+            battery_low_permille,
+            battery_critical_permille,
+        }
+    }
+}
+
+impl WireConfig {
+    /// The configuration; none when the capture timer does not tick.
+    #[must_use]
+    pub fn agent_config(&self) -> Option<AgentConfig> {
+        Some(AgentConfig {
+            id: self.id,
+            boot_epoch: self.boot_epoch,
+            capture_rate: TickRate::new(self.capture_rate_hz).ok()?,
+            share_period: self.share_period,
+            limits: FlightLimits {
+                max_speed_mps: self.max_speed_mps,
+                max_accel_mps2: self.max_accel_mps2,
+                max_vertical_mps: self.max_vertical_mps,
+            },
+            supervisor: SupervisorConfig {
+                link_warn_ms: self.link_warn_ms,
+                link_hold_ms: self.link_hold_ms,
+                link_return_ms: self.link_return_ms,
+                nav_lost_ms: self.nav_lost_ms,
+                battery_low_permille: self.battery_low_permille,
+                battery_critical_permille: self.battery_critical_permille,
+            },
+        })
+    }
+}
+
+/// What is sensed in every step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepHead {
+    /// GNSS time since the mission's epoch.
+    pub now: TimePs,
+    /// The navigation solution, if there is one.
+    pub nav: Option<WireNav>,
+    /// Value of the capture timer.
+    pub timer_ticks: u32,
+    /// Charge of the battery, per mille.
+    pub battery_permille: u16,
+}
+
+/// [`NavFix`] as it crosses the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WireNav {
+    pos_enu_m: [f32; 3],
+    vel_enu_mps: [f32; 3],
+    error_radius_m: f32,
+}
+
+impl From<NavFix> for WireNav {
+    fn from(fix: NavFix) -> Self {
+        let NavFix { pos_enu_m, vel_enu_mps, error_radius_m } = fix;
+        Self { pos_enu_m: pos_enu_m.into(), vel_enu_mps: vel_enu_mps.into(), error_radius_m }
+    }
+}
+
+impl From<WireNav> for NavFix {
+    fn from(fix: WireNav) -> Self {
+        let WireNav { pos_enu_m, vel_enu_mps, error_radius_m } = fix;
+        Self { pos_enu_m: pos_enu_m.into(), vel_enu_mps: vel_enu_mps.into(), error_radius_m }
+    }
+}
+
+/// What only some steps sense.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum SensePart {
+    /// Bytes that came over the radio; a frame may go on in the next part.
+    Radio(Vec<u8, MAX_RADIO_PART>),
+    /// Captures of the SRS timer.
+    Captures(Vec<WireCapture, MAX_CAPTURES_PART>),
+    /// Users that the cell hears.
+    Attached(Vec<AttachedUser, MAX_ATTACHED_PART>),
+}
+
+/// [`Capture`] as it crosses the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WireCapture {
+    occasion: OccasionId,
+    ticks: u32,
+}
+
+impl From<Capture> for WireCapture {
+    fn from(Capture { occasion, ticks }: Capture) -> Self {
+        Self { occasion, ticks }
+    }
+}
+
+impl From<WireCapture> for Capture {
+    fn from(WireCapture { occasion, ticks }: WireCapture) -> Self {
+        Self { occasion, ticks }
+    }
+}
+
+/// Board to host.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FromBoard {
+    /// The board is the drone asked for.
+    Ready {
+        /// The image's [`BUS_VERSION`].
+        bus_version: u16,
+        /// The image's [`SCHEMA_HASH`](skyroost_protocol::SCHEMA_HASH).
+        schema_hash: u32,
+        /// Who it is now.
+        id: DroneId,
+    },
+    /// The message cannot be obeyed.
+    Refused(Refusal),
+    /// A frame arrived damaged; it may or may not have been part of a step.
+    Damaged,
+    /// Step `step` cannot be done yet: parts from `next` on are missing.
+    Missing {
+        /// The step.
+        step: u32,
+        /// The first part that is missing.
+        next: u16,
+    },
+    /// Part `index` of what step `step` wants done.
+    Act {
+        /// The step.
+        step: u32,
+        /// Number of the part in the answer, from 0.
+        index: u16,
+        /// The part.
+        part: ActPart,
+    },
+    /// Step `step` is done and its answer complete with `parts` parts.
+    Done {
+        /// The step.
+        step: u32,
+        /// Parts of the answer.
+        parts: u16,
+        /// For the autopilot.
+        setpoint: WireSetpoint,
+        /// What the step took, in the board's own units: see [`Report::worst_step_cost`].
+        cost: u32,
+    },
+    /// How the board fared.
+    Report(Report),
+}
+
+/// Why a message cannot be obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// The host speaks another version of the bus or of the radio.
+    Version,
+    /// A configuration that no drone can have.
+    Config,
+    /// A step before any [`ToBoard::Begin`].
+    NotBegun,
+    /// Not the step after the last one: the last one done is this.
+    OutOfStep(u32),
+}
+
+/// What only some steps do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ActPart {
+    /// Bytes for the radio; a frame may go on in the next part.
+    Radio(Vec<u8, MAX_RADIO_PART>),
+    /// SRS occasions to listen to.
+    Gates(Vec<WireGate, MAX_GATES_PART>),
+}
+
+/// [`SrsGate`] as it crosses the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WireGate {
+    occasion: OccasionId,
+    user: UserId,
+    at: TimePs,
+    grant: bool,
+}
+
+impl From<SrsGate> for WireGate {
+    fn from(SrsGate { occasion, user, at, grant }: SrsGate) -> Self {
+        Self { occasion, user, at, grant }
+    }
+}
+
+impl From<WireGate> for SrsGate {
+    fn from(WireGate { occasion, user, at, grant }: WireGate) -> Self {
+        Self { occasion, user, at, grant }
+    }
+}
+
+/// [`Setpoint`] as it crosses the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WireSetpoint {
+    motors: bool,
+    vel_enu_mps: [f32; 3],
+    accel_enu_mps2: [f32; 3],
+}
+
+impl From<Setpoint> for WireSetpoint {
+    fn from(Setpoint { motors, vel_enu_mps, accel_enu_mps2 }: Setpoint) -> Self {
+        Self { motors, vel_enu_mps: vel_enu_mps.into(), accel_enu_mps2: accel_enu_mps2.into() }
+    }
+}
+
+impl From<WireSetpoint> for Setpoint {
+    fn from(WireSetpoint { motors, vel_enu_mps, accel_enu_mps2 }: WireSetpoint) -> Self {
+        Self { motors, vel_enu_mps: Vec3::from(vel_enu_mps), accel_enu_mps2: Vec3::from(accel_enu_mps2) }
+    }
+}
+
+/// How a board fared since it began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Report {
+    /// The flight code's own counts, in the order of [`Counters`].
+    pub counters: [u32; Counters::COUNT],
+    /// What the bus and the radio's byte link dropped.
+    pub link: LinkCounters,
+    /// Steps done.
+    pub steps: u32,
+    /// Greatest cost of a step: cycles of the core on the chip, ticks of its clock in the emulator.
+    pub worst_step_cost: u32,
+    /// Most bytes of stack ever in use; 0 where nobody measured.
+    pub stack_used: u32,
+}
+
+/// What the board's links dropped; every count saturates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LinkCounters {
+    /// Frames of the bus that came damaged.
+    pub bus_damaged: u32,
+    /// Parts of a step that came twice or out of order.
+    pub bus_out_of_order: u32,
+    /// Steps that were asked for before all parts were there, or again.
+    pub bus_repeated: u32,
+    /// Frames of the radio that came damaged.
+    pub radio_damaged: u32,
+    /// Frames, captures or users that the inputs of a step had no room for.
+    pub inputs_overflowed: u32,
+}
+
+/// `message` as it goes over the bus; none if it is longer than any frame, which none is.
+#[must_use]
+pub fn encode<T: Serialize>(message: &T) -> Option<StreamFrame> {
+    let mut payload = [0; MAX_FRAME];
+    let payload = postcard::to_slice(message, &mut payload).ok()?;
+    let mut frame = StreamFrame::new();
+    encode_stream(payload, &mut frame).ok()?;
+    Some(frame)
+}
+
+/// The message in what [`StreamDecoder`](skyroost_protocol::stream::StreamDecoder) found; none when it is not
+/// one, or bytes follow it.
+#[must_use]
+pub fn decode<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<T> {
+    match postcard::take_from_bytes(payload) {
+        Ok((message, [])) => Some(message),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skyroost_protocol::stream::StreamDecoder;
+
+    fn through<T: Serialize + for<'a> Deserialize<'a>>(message: &T) -> T {
+        let frame = encode(message).expect("fits");
+        let mut decoder = StreamDecoder::new();
+        let mut found = None;
+        for &byte in &frame {
+            if let Some(payload) = decoder.push(byte) {
+                found = decode(payload.expect("undamaged"));
+            }
+        }
+        found.expect("a message")
+    }
+
+    #[test]
+    fn the_longest_messages_fit_a_frame() {
+        let longest = [
+            SensePart::Radio(Vec::from_slice(&[0xff; MAX_RADIO_PART]).unwrap()),
+            SensePart::Captures(
+                [WireCapture { occasion: OccasionId(u32::MAX), ticks: u32::MAX }; MAX_CAPTURES_PART].into(),
+            ),
+            SensePart::Attached(
+                [AttachedUser { user: UserId(u32::MAX), timing_advance: u16::MAX }; MAX_ATTACHED_PART].into(),
+            ),
+        ];
+        for part in longest {
+            let message = ToBoard::Sense { step: u32::MAX, index: u16::MAX, part };
+            assert_eq!(through(&message), message);
+        }
+        let gate = WireGate {
+            occasion: OccasionId(u32::MAX),
+            user: UserId(u32::MAX),
+            at: TimePs(i64::MIN),
+            grant: true,
+        };
+        for part in [
+            ActPart::Radio(Vec::from_slice(&[0; MAX_RADIO_PART]).unwrap()),
+            ActPart::Gates([gate; MAX_GATES_PART].into()),
+        ] {
+            let message = FromBoard::Act { step: u32::MAX, index: u16::MAX, part };
+            assert_eq!(through(&message), message);
+        }
+        let link = LinkCounters {
+            bus_damaged: u32::MAX,
+            bus_out_of_order: u32::MAX,
+            bus_repeated: u32::MAX,
+            radio_damaged: u32::MAX,
+            inputs_overflowed: u32::MAX,
+        };
+        let report = Report {
+            counters: [u32::MAX; Counters::COUNT],
+            link,
+            steps: u32::MAX,
+            worst_step_cost: u32::MAX,
+            stack_used: u32::MAX,
+        };
+        assert_eq!(through(&FromBoard::Report(report)), FromBoard::Report(report));
+    }
+
+    #[test]
+    fn every_bit_of_a_number_arrives() {
+        for bits in [0x7f80_0001, 0xffc0_1234, 0x0000_0001, 0x8000_0000, 0x7f80_0000] {
+            let odd = f32::from_bits(bits);
+            let nav = WireNav { pos_enu_m: [odd; 3], vel_enu_mps: [odd; 3], error_radius_m: odd };
+            let head = StepHead { now: TimePs(-1), nav: Some(nav), timer_ticks: 1, battery_permille: 2 };
+            let ToBoard::Step { head, .. } = through(&ToBoard::Step { step: 1, parts: 0, have: 0, head })
+            else {
+                panic!("another message");
+            };
+            let fix = NavFix::from(head.nav.expect("a fix"));
+            assert!(fix.pos_enu_m.iter().chain(&fix.vel_enu_mps).all(|x| x.to_bits() == bits));
+            assert_eq!(fix.error_radius_m.to_bits(), bits);
+        }
+    }
+
+    #[test]
+    fn a_configuration_arrives_whole() {
+        let mut config = AgentConfig::new(DroneId(7));
+        config.limits.max_speed_mps = 3.25;
+        config.supervisor.nav_lost_ms = 77;
+        assert_eq!(WireConfig::from(&config).agent_config(), Some(config));
+        let still = WireConfig { capture_rate_hz: 0, ..WireConfig::from(&config) };
+        assert_eq!(still.agent_config(), None);
+    }
+
+    #[test]
+    fn bytes_after_a_message_are_no_message() {
+        let mut payload = [0; 16];
+        let len = postcard::to_slice(&ToBoard::Report, &mut payload).unwrap().len();
+        assert_eq!(decode::<ToBoard>(&payload[..len]), Some(ToBoard::Report));
+        assert_eq!(decode::<ToBoard>(&payload[..len + 1]), None);
+    }
+}
