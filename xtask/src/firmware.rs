@@ -13,7 +13,7 @@ Usage: cargo xtask firmware --board NAME [--size]
 
 Builds the flight code's image for a board and prints where it lies.
 
-  --board NAME  stm32f405: the flight board
+  --board NAME  stm32f405: the flight board; emulated: the same chip in the emulator
   --size        also print the flash and RAM that the image takes of the board's memory
 ";
 
@@ -25,7 +25,8 @@ pub(crate) struct Board {
 }
 
 /// Every board there is.
-pub(crate) const BOARDS: [Board; 1] = [Board { name: "stm32f405", memory: "memory.x" }];
+pub(crate) const BOARDS: [Board; 2] =
+    [Board { name: "stm32f405", memory: "memory.x" }, Board { name: "emulated", memory: "memory.x" }];
 
 impl Board {
     fn named(name: &str) -> Outcome<&'static Self> {

@@ -8,4 +8,6 @@ pub mod gnss_clock;
 pub mod lockstep;
 pub mod pulse_line;
 pub mod second_label;
+#[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
+pub mod shell;
 pub mod ticks;

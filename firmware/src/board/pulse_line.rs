@@ -4,7 +4,6 @@
 //! 1.2.10: the growing-memory g-h filter, g = 2(2n-1)/(n(n+1)), h = 6/(n(n+1))) over the first [`WINDOW`]
 //! pulses, which then goes on with the gains it has reached, so that old pulses fade.
 
-use super::gnss_clock::PS_PER_S;
 use crate::srs::clock::TickRate;
 use skyroost_protocol::units::TimePs;
 
@@ -38,6 +37,8 @@ impl Oscillator {
     }
 }
 
+/// Picoseconds in a second.
+pub(super) const PS_PER_S: i64 = 1_000_000_000_000;
 /// Ticks carry eight bits of fraction (46 ps at 84 MHz), so that 64 bits last for years;
 const PHASE_BITS: u32 = 8;
 /// ticks a second carry twenty, so that what is learnt of them is not lost in rounding.
@@ -125,7 +126,10 @@ impl Line {
         }
         let n = (remembered + 1).min(i64::from(WINDOW));
         self.phase = predicted + residual * (2 * (2 * n - 1)) / (n * (n + 1));
-        self.rate += (residual << (RATE_BITS - PHASE_BITS)) * 6 / (n * (n + 1) * seconds);
+        let rate = self.rate + (residual << (RATE_BITS - PHASE_BITS)) * 6 / (n * (n + 1) * seconds);
+        let nominal = i64::from(oscillator.rate.hz()) << RATE_BITS;
+        let most = nominal / 1_000_000_000 * 2 * oscillator.tolerance_ppb() as i64;
+        self.rate = rate.clamp(nominal - most, nominal + most);
         self.second += seconds;
         self.edges = n as u8;
         self.gap_s = (self.gap_s + missed as u16).saturating_sub(u16::from(missed == 0));
@@ -145,11 +149,14 @@ impl Line {
         self.nearest(other.phase).map(|seconds| self.second + seconds)
     }
 
-    /// The number of the second during which the timer reads `ticks`; none beyond [`MAX_GAP_S`].
+    /// The number of the second during which the timer reads `ticks`; none beyond [`MAX_GAP_S`], and none
+    /// so near to where a second begins that it may be either.
     #[must_use]
-    pub fn second_at(&self, ticks: i64) -> Option<i64> {
-        let (seconds, _) = self.split(ticks)?;
-        Some(self.second + seconds)
+    pub fn second_at(&self, ticks: i64, oscillator: &Oscillator) -> Option<i64> {
+        let (seconds, part) = self.split(ticks)?;
+        let margin = self.phase_of_ns(u64::from(self.uncertainty_ns(ticks, oscillator)));
+        let rest = self.rate_in_phase() as u64 - part;
+        (part > margin && rest > margin).then_some(self.second + seconds)
     }
 
     /// Whole seconds since the last pulse, saturating at zero.
@@ -223,9 +230,10 @@ impl Line {
     }
 
     /// Ticks a second with the fraction of a phase, rounded.
-    const fn rate_in_phase(&self) -> i64 {
+    fn rate_in_phase(&self) -> i64 {
         const BITS: u32 = RATE_BITS - PHASE_BITS;
-        (self.rate + (1 << (BITS - 1))) >> BITS
+        // Never below 1, as the compiler cannot know: nothing is divided by zero.
+        ((self.rate + (1 << (BITS - 1))) >> BITS).max(1)
     }
 
     /// Where the line has the second so many after the last pulse: at most 2^10 of them at 2^52 each.
@@ -234,7 +242,7 @@ impl Line {
     }
 
     /// Nanoseconds as a phase; half a second or more is more than any residual.
-    const fn phase_of_ns(&self, ns: u64) -> u64 {
+    fn phase_of_ns(&self, ns: u64) -> u64 {
         if ns >= 500_000_000 {
             return u64::MAX;
         }

@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn only_lasting_disagreement_changes_it() {
         let mut label = SecondLabel::new();
-        (0..3).for_each(|_| drop(label.vote(7)));
+        assert!((0..3).any(|_| label.vote(7)));
         (0..29).for_each(|_| assert!(!label.vote(8)));
         assert!(!label.vote(7));
         (0..29).for_each(|_| assert!(!label.vote(8)));

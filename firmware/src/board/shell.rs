@@ -1,0 +1,205 @@
+//! The tasks of a board around its flight agent, for any executor: what the images spawn.
+//!
+//! ```text
+//!  bytes of the bus --> bus ----(parts of a step)----> inputs \
+//!                        |  \--(bytes of the radio)--> radio ---> inputs --> guidance --> outputs
+//!                        \------------- tick ---------------------------------^              |
+//!  bytes of the bus <-- bus <---------------- answer, part by part -------------------------/
+//! ```
+//!
+//! Guidance runs on an executor of its own above all links, so that a busy link never delays a step. Agent,
+//! inputs and outputs exist once, behind a lock that is asynchronous: who holds it can be interrupted, and
+//! the links hold it only to put something in.
+
+use super::lockstep::{Ask, Lockstep, RadioIntake};
+use crate::{
+    agent::FlightAgent,
+    config::AgentConfig,
+    io::{Inputs, Outputs},
+};
+use core::sync::atomic::{AtomicU32, Ordering};
+use embassy_futures::yield_now;
+use embassy_sync::{
+    blocking_mutex::raw::CriticalSectionRawMutex as Raw, mutex::Mutex, pipe::Pipe, signal::Signal,
+};
+use skyroost_protocol::units::{DroneId, TimePs};
+
+/// Bytes of a bus that may wait for their task.
+pub const BUS_PIPE: usize = 512;
+/// Bytes of the radio that may wait for their task.
+const RADIO_PIPE: usize = 256;
+
+/// What the tasks of a board share.
+pub struct Shell {
+    core: Mutex<Raw, Core>,
+    /// Bytes from the host.
+    pub bus_in: Pipe<Raw, BUS_PIPE>,
+    /// Bytes for the host.
+    pub bus_out: Pipe<Raw, BUS_PIPE>,
+    radio_in: Pipe<Raw, RADIO_PIPE>,
+    /// Bytes of the radio that its task has dealt with, modulo 2^32.
+    radio_taken: AtomicU32,
+    tick: Signal<Raw, TimePs>,
+    stepped: Signal<Raw, u32>,
+}
+
+/// Counts what a step costs.
+pub trait Stopwatch {
+    /// The count.
+    fn read(&self) -> u32;
+    /// The count since an earlier one.
+    fn since(&self, earlier: u32) -> u32;
+}
+
+/// The flight code and what goes in and out of it.
+struct Core {
+    agent: FlightAgent,
+    inputs: Inputs,
+    outputs: Outputs,
+    radio: RadioIntake,
+}
+
+impl Default for Shell {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Shell {
+    /// A board that is nobody yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            core: Mutex::new(Core {
+                agent: FlightAgent::new(AgentConfig::new(DroneId(1))),
+                inputs: Inputs::default(),
+                outputs: Outputs::default(),
+                radio: RadioIntake::new(),
+            }),
+            bus_in: Pipe::new(),
+            bus_out: Pipe::new(),
+            radio_in: Pipe::new(),
+            radio_taken: AtomicU32::new(0),
+            tick: Signal::new(),
+            stepped: Signal::new(),
+        }
+    }
+
+    /// The bus: takes the host's messages apart, has steps done, answers. `advance` is told the time of
+    /// each step before it is done; `stack_used` says how much stack was ever in use, in bytes.
+    pub async fn bus(&self, advance: impl Fn(TimePs), stack_used: impl Fn() -> u32) -> ! {
+        let mut lockstep = Lockstep::new();
+        let mut radio_sent: u32 = 0;
+        let mut bytes = [0; 128];
+        loop {
+            let count = self.bus_in.read(&mut bytes).await;
+            let mut rest = bytes.get(..count).unwrap_or(&[]);
+            while !rest.is_empty() {
+                let Some(ask) = self.take(&mut rest, &mut lockstep).await else { continue };
+                match ask {
+                    Ask::Begin(config) => {
+                        self.core.lock().await.begin(config);
+                        defmt::info!("drone {=u16} begins", config.id.0);
+                        self.say(lockstep.begun()).await;
+                    }
+                    Ask::Radio(bytes) => {
+                        radio_sent = radio_sent.wrapping_add(bytes.len() as u32);
+                        self.radio_in.write_all(&bytes).await;
+                    }
+                    Ask::Step { now, have } => {
+                        while self.radio_taken.load(Ordering::Relaxed) != radio_sent {
+                            yield_now().await;
+                        }
+                        advance(now);
+                        self.tick.signal(now);
+                        lockstep.stepped(self.stepped.wait().await);
+                        self.answer(&lockstep, have).await;
+                    }
+                    Ask::Answer { have } => self.answer(&lockstep, have).await,
+                    Ask::Say(message) => self.say(Some(message)).await,
+                    Ask::Report => {
+                        let core = self.core.lock().await;
+                        let report = lockstep.report(core.agent.counters(), &core.radio, stack_used());
+                        drop(core);
+                        self.say(Some(report)).await;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Takes bytes off `rest` until something is asked or none is left.
+    async fn take(&self, rest: &mut &[u8], lockstep: &mut Lockstep) -> Option<Ask> {
+        let mut core = self.core.lock().await;
+        while let Some((byte, tail)) = rest.split_first() {
+            *rest = tail;
+            let ask = lockstep.push(*byte, &mut core.inputs);
+            if ask.is_some() {
+                return ask;
+            }
+        }
+        None
+    }
+
+    async fn answer(&self, lockstep: &Lockstep, have: u16) {
+        let core = self.core.lock().await;
+        for frame in lockstep.answer(have, &core.outputs) {
+            self.bus_out.write_all(&frame).await;
+        }
+    }
+
+    async fn say(&self, message: Option<super::bus::FromBoard>) {
+        if let Some(frame) = message.and_then(|message| super::bus::encode(&message)) {
+            self.bus_out.write_all(&frame).await;
+        }
+    }
+
+    /// The radio: finds frames in its bytes.
+    pub async fn radio(&self) -> ! {
+        let mut bytes = [0; 64];
+        loop {
+            let count = self.radio_in.read(&mut bytes).await;
+            let mut core = self.core.lock().await;
+            let Core { inputs, radio, .. } = &mut *core;
+            for &byte in bytes.get(..count).unwrap_or(&[]) {
+                radio.push(byte, inputs);
+            }
+            drop(core);
+            self.radio_taken.fetch_add(count as u32, Ordering::Relaxed);
+        }
+    }
+
+    /// Guidance: a step of the flight code at every tick.
+    pub async fn guidance(&self, stopwatch: impl Stopwatch) -> ! {
+        loop {
+            let now = self.tick.wait().await;
+            let cost = self.core.lock().await.step(now, &stopwatch);
+            self.stepped.signal(cost);
+        }
+    }
+
+    /// Frames of the radio that came damaged or did not fit, and whatever the agent dropped.
+    pub async fn dropped(&self) -> (u32, u32, u32) {
+        let core = self.core.lock().await;
+        let agent = core.agent.counters();
+        (core.radio.damaged(), core.radio.overflowed(), agent.frames_rejected.saturating_add(agent.dropped()))
+    }
+}
+
+impl Core {
+    fn begin(&mut self, config: AgentConfig) {
+        self.agent = FlightAgent::new(config);
+        self.inputs.clear();
+        self.outputs.clear();
+        self.radio = RadioIntake::new();
+    }
+
+    fn step(&mut self, now: TimePs, stopwatch: &impl Stopwatch) -> u32 {
+        self.outputs.clear();
+        let begun = stopwatch.read();
+        self.agent.step(now, &self.inputs, &mut self.outputs);
+        let cost = stopwatch.since(begun);
+        self.inputs.clear();
+        cost
+    }
+}
