@@ -220,8 +220,11 @@ mod tests {
         let pulse = (0..100_u32).prop_map(move |draw| draw >= lost_in_100);
         let spurious = (0..100_u32, 1_000_000..999_000_000_i64)
             .prop_map(move |(draw, ns)| (draw < spurious_in_100).then_some(ns));
-        (pulse, -100..=100_i64, spurious)
-            .prop_map(|(pulse, jitter_ns, spurious_ns)| Second { pulse, jitter_ns, spurious_ns })
+        (pulse, -100..=100_i64, spurious).prop_map(|(pulse, jitter_ns, spurious_ns)| Second {
+            pulse,
+            jitter_ns,
+            spurious_ns,
+        })
     }
 
     const S: i64 = 1_000_000_000;
@@ -243,7 +246,9 @@ mod tests {
             let error_ps = reading.time.0 - (FIRST * S + ns) * 1000;
             prop_assert!(
                 error_ps.abs() <= i64::from(reading.uncertainty_ns) * 1000,
-                "{} ns off, {} stated, in second {index}", error_ps / 1000, reading.uncertainty_ns
+                "{} ns off, {} stated, in second {index}",
+                error_ps / 1000,
+                reading.uncertainty_ns
             );
             let back = clock.ticks_at(reading.time).expect("a time it has just told");
             prop_assert!((back - timer.ticks(ns)).abs() <= 1, "{back}, not {}", timer.ticks(ns));
@@ -401,7 +406,10 @@ mod tests {
         clock.edge(moved(27));
         assert_eq!(clock.counters().replaced, 1);
         let reading = clock.time_at(moved(27)).expect("locked");
-        assert!((reading.time.0 - (FIRST + 27) * PS_PER_S).abs() < 1_000_000, "the number of the second stays");
+        assert!(
+            (reading.time.0 - (FIRST + 27) * PS_PER_S).abs() < 1_000_000,
+            "the number of the second stays"
+        );
     }
 
     #[test]

@@ -2,6 +2,8 @@
 //! flight code, which has neither; what can be decided without hardware is decided here, where the
 //! host can test it. The shells themselves are the images under `bin/`.
 
+pub mod autopilot;
+pub mod boot;
 pub mod bus;
 pub mod cadence;
 pub mod gnss_clock;
@@ -11,3 +13,4 @@ pub mod second_label;
 #[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
 pub mod shell;
 pub mod ticks;
+pub mod triggers;

@@ -119,7 +119,8 @@ impl Line {
         if missed > 0 && remembered < 2 {
             // Too long ago to say more than about the rate, and that only as far as it can have stayed.
             let rate_error = self.rate_error_ppb(oscillator)
-                + u64::from(oscillator.wander_ppb_per_s) * (seconds as u64 + u64::from(self.gap_s) + HALF_WINDOW);
+                + u64::from(oscillator.wander_ppb_per_s)
+                    * (seconds as u64 + u64::from(self.gap_s) + HALF_WINDOW);
             let next = Self { rate_error_ppb: rate_error.min(2 * oscillator.tolerance_ppb()), ..*self };
             *self = Self { phase: measured, second: self.second + seconds, edges: 1, gap_s: 0, ..next };
             return Some(seconds as u32);

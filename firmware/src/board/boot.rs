@@ -1,0 +1,131 @@
+//! Why the board has started, and how often: what survives a reset.
+
+/// Why the chip was reset (RM0090, 7.3.21: `RCC_CSR`), as the bits 25 to 31 of that register.
+///
+/// Several can be set: power-on sets the brown-out's bit as well, and every reset that the chip makes
+/// itself pulls the reset pin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ResetCause(pub u8);
+
+impl ResetCause {
+    const BROWN_OUT: u8 = 1;
+    const PIN: u8 = 1 << 1;
+    const POWER: u8 = 1 << 2;
+    const SOFTWARE: u8 = 1 << 3;
+    const WATCHDOG: u8 = 1 << 4;
+    const WINDOW_WATCHDOG: u8 = 1 << 5;
+    const LOW_POWER: u8 = 1 << 6;
+
+    /// From the value of `RCC_CSR`.
+    #[must_use]
+    pub const fn from_csr(csr: u32) -> Self {
+        Self((csr >> 25) as u8 & 0x7f)
+    }
+
+    /// The cause behind the other bits, in a word.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        // From what says most to what any reset sets as well.
+        if self.0 & Self::POWER != 0 {
+            "power-on"
+        } else if self.0 & Self::BROWN_OUT != 0 {
+            "brown-out"
+        } else if self.0 & Self::WATCHDOG != 0 {
+            "watchdog"
+        } else if self.0 & Self::WINDOW_WATCHDOG != 0 {
+            "window watchdog"
+        } else if self.0 & Self::SOFTWARE != 0 {
+            "software"
+        } else if self.0 & Self::LOW_POWER != 0 {
+            "low-power"
+        } else if self.0 & Self::PIN != 0 {
+            "pin"
+        } else {
+            "unknown"
+        }
+    }
+}
+
+/// Marks a backup register that this program wrote.
+const MAGIC: u32 = 0x5b00;
+
+/// The count of boots, kept in one backup register of the real-time clock.
+///
+/// Sequence numbers of frames start anew with each boot; the count tells receivers that they did. It survives
+/// every reset, and a loss of power too where a battery or a large capacitor is at `VBAT`. Where that is
+/// lost as well the count starts again at 1: receivers then take the drone's frames for old ones until it
+/// has been silent for as long as they remember it, or until they are told to forget it. The register's
+/// upper half is a mark over the lower one, so that what a register holds at power-on is not taken for a
+/// count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BootCount {
+    /// This boot, from 1; wraps after 65,535 boots, which receivers expect.
+    pub epoch: u16,
+    /// Whether there was no count to go on from.
+    pub lost: bool,
+}
+
+impl BootCount {
+    /// The count after the one that `register` holds.
+    #[must_use]
+    pub const fn after(register: u32) -> Self {
+        let last = register as u16;
+        if register >> 16 == mark(last) {
+            Self { epoch: last.wrapping_add(1), lost: false }
+        } else {
+            Self { epoch: 1, lost: true }
+        }
+    }
+
+    /// What to put into the register.
+    #[must_use]
+    pub const fn register(&self) -> u32 {
+        mark(self.epoch) << 16 | self.epoch as u32
+    }
+}
+
+const fn mark(epoch: u16) -> u32 {
+    (MAGIC ^ !(epoch as u32)) & 0xffff
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn counts_from_an_empty_register() {
+        let first = BootCount::after(0);
+        assert_eq!(first, BootCount { epoch: 1, lost: true });
+        let second = BootCount::after(first.register());
+        assert_eq!(second, BootCount { epoch: 2, lost: false });
+        assert!(BootCount::after(u32::MAX).lost);
+    }
+
+    #[test]
+    fn names_the_cause_behind_the_pin() {
+        // Power-on sets power, brown-out and pin (RM0090, 7.3.21: reset value 0x0e00_0000).
+        assert_eq!(ResetCause::from_csr(0x0e00_0000).name(), "power-on");
+        assert_eq!(ResetCause::from_csr(0x0600_0000).name(), "brown-out");
+        assert_eq!(ResetCause::from_csr(0x2400_0003).name(), "watchdog");
+        assert_eq!(ResetCause::from_csr(0x1400_0000).name(), "software");
+        assert_eq!(ResetCause::from_csr(0x0400_0000).name(), "pin");
+        assert_eq!(ResetCause::from_csr(0).name(), "unknown");
+    }
+
+    proptest! {
+        #[test]
+        fn counts_on_over_the_wrap(epoch: u16) {
+            let count = BootCount { epoch, lost: false };
+            let next = BootCount::after(count.register());
+            prop_assert_eq!(next, BootCount { epoch: epoch.wrapping_add(1), lost: false });
+        }
+
+        /// One flipped bit is noticed.
+        #[test]
+        fn damage_is_noticed(epoch: u16, bit in 0..32_u32) {
+            let register = BootCount { epoch, lost: false }.register() ^ (1_u32 << bit);
+            prop_assert!(BootCount::after(register).lost);
+        }
+    }
+}
