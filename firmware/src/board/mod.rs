@@ -7,6 +7,7 @@ pub mod boot;
 pub mod bus;
 pub mod cadence;
 pub mod gnss_clock;
+pub mod inflight;
 pub mod lockstep;
 pub mod pulse_line;
 pub mod second_label;
