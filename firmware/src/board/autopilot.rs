@@ -52,7 +52,7 @@ pub enum FromAutopilot {
 /// Board to autopilot and cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ToAutopilot {
-    /// The board has started; said once it hears somebody.
+    /// The board has started; said when it first hears the autopilot and every ten seconds.
     Started(Start),
     /// For the velocity loop, at 50 Hz while the board is well. When it stops coming, the autopilot's own
     /// failsafe takes over.
@@ -77,12 +77,15 @@ pub struct Start {
     pub epoch_lost: bool,
     /// Why it was reset: bits of [`ResetCause`](super::boot::ResetCause).
     pub reset_cause: u8,
+    /// Why it reset itself, if it did: a [`LastWords`](super::boot::LastWords).
+    pub last_words: u8,
     /// Whether the crystal runs. Without it the board says so and commands nothing.
     pub crystal: bool,
 }
 
 /// How the board fares. Counts saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Status {
     /// Bound of the error of GNSS time; none while it is unknown.
     pub time_uncertainty_ns: Option<u32>,

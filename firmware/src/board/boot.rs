@@ -46,6 +46,51 @@ impl ResetCause {
     }
 }
 
+/// Why the board reset itself, kept over that reset in another backup register.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum LastWords {
+    /// It did not, or nobody wrote it down.
+    #[default]
+    None,
+    /// A panic.
+    Panic,
+    /// A fault of the processor: an access to nowhere, an instruction that is none.
+    Fault,
+    /// The supply fell below the supervisor's threshold and came back.
+    Supply,
+    /// The crystal stopped.
+    Crystal,
+}
+
+impl LastWords {
+    const ALL: [Self; 5] = [Self::None, Self::Panic, Self::Fault, Self::Supply, Self::Crystal];
+
+    /// What a register says; none when it holds anything else.
+    #[must_use]
+    pub fn from_register(register: u32) -> Self {
+        Self::ALL.into_iter().find(|words| words.register() == register).unwrap_or_default()
+    }
+
+    /// What to put into the register.
+    #[must_use]
+    pub const fn register(self) -> u32 {
+        mark(self as u16) << 16 | self as u32
+    }
+
+    /// In a word.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Panic => "panic",
+            Self::Fault => "fault",
+            Self::Supply => "supply",
+            Self::Crystal => "crystal",
+        }
+    }
+}
+
 /// Marks a backup register that this program wrote.
 const MAGIC: u32 = 0x5b00;
 
@@ -100,6 +145,16 @@ mod tests {
         let second = BootCount::after(first.register());
         assert_eq!(second, BootCount { epoch: 2, lost: false });
         assert!(BootCount::after(u32::MAX).lost);
+    }
+
+    #[test]
+    fn last_words_are_remembered_and_nothing_else() {
+        for words in LastWords::ALL {
+            assert_eq!(LastWords::from_register(words.register()), words);
+        }
+        for register in [0, u32::MAX, LastWords::Fault as u32] {
+            assert_eq!(LastWords::from_register(register), LastWords::None);
+        }
     }
 
     #[test]

@@ -5,7 +5,10 @@
 pub mod autopilot;
 pub mod boot;
 pub mod bus;
+pub mod bus_mode;
 pub mod cadence;
+#[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
+pub mod fly;
 pub mod gnss_clock;
 pub mod inflight;
 pub mod lockstep;

@@ -1,103 +1,168 @@
 //! The flight board: an STM32F405RG with an 8 MHz crystal, as on most flight controllers and
 //! evaluation boards of this chip, running at its full 168 MHz.
 //!
-//! The image is a shell: it owns the drivers and the clock, steps the flight code on the 50 Hz grid and
-//! logs over RTT. Whatever goes wrong in flight ends in a reset: a panic asks for one, a hang or a fault
-//! is met by the watchdog, which runs from the first step on. Before it, a crystal that does not start
-//! keeps the board where it is: on the ground.
+//! The image is a shell around the flight code. Guidance runs on an interrupt executor above all links, the
+//! links on another below it; thread mode sleeps. The first message on the bus says what the board is
+//! for ([`BusMode`](skyroost_firmware::board::bus_mode::BusMode)): with an autopilot it flies, with a host
+//! it is the drone of a simulation. Whatever goes wrong in flight ends with safe outputs and a reset: a
+//! panic or a fault asks for one, a hang is met by the watchdog.
 //!
-//! Built and linted by every check, but not yet flown: no hardware has run it so far.
+//! The same image runs in QEMU (`-machine netduinoplus2`), where it serves the host on USART1.
+//!
+//! Built and linted by every check, and its bench side run in the emulator; no hardware has run it so far.
+//! Wiring and flashing: `firmware/README.md`.
 #![no_std]
+// A board's file: registers and interrupts want it, each with its reason.
+#![allow(unsafe_code)]
 #![no_main]
+
+mod capture;
+mod chip;
+mod clocks;
+mod emulator;
+mod flight;
+mod links;
+mod safe;
+mod supply;
 
 use core::panic::PanicInfo;
 
-use cortex_m::peripheral::SCB;
+use cortex_m::peripheral::{DCB, DWT, SCB};
+use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
-use embassy_executor::Spawner;
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::time::Hertz;
-use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_time::{Instant, Timer};
-use skyroost_firmware::agent::FlightAgent;
-use skyroost_firmware::board::cadence::Cadence;
-use skyroost_firmware::config::AgentConfig;
-use skyroost_firmware::io::{Inputs, Outputs};
-use skyroost_protocol::units::{DroneId, TimePs};
+use embassy_executor::{InterruptExecutor, SendSpawner, SpawnError, SpawnToken};
+use embassy_stm32::interrupt;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use skyroost_firmware::board::boot::LastWords;
+use skyroost_firmware::board::shell::{Shell, Stopwatch};
+use static_cell::StaticCell;
 
-/// The watchdog resets the board when no step has ended for this long: ten slots at the nominal 32 kHz
-/// of its own oscillator, 136 to 376 ms over that oscillator's range (17 to 47 kHz, data sheet DS8626).
-const WATCHDOG_US: u32 = 200_000;
+/// Guidance, above the links. Both use the interrupt of a peripheral that the boards leave alone.
+static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
+/// Bus, radio and telemetry.
+static LINKS: InterruptExecutor = InterruptExecutor::new();
 
-/// Steps between two reports of the loop's punctuality: ten seconds.
-const STEPS_PER_REPORT: u32 = 500;
+/// Below the timers and the capture, which keep the reset's P0, and above everything else.
+const GUIDANCE_PRIORITY: Priority = Priority::P6;
+/// The UARTs and their DMA, which wake the links.
+const DRIVER_PRIORITY: Priority = Priority::P10;
+const LINKS_PRIORITY: Priority = Priority::P12;
 
-/// 168 MHz from the 8 MHz crystal, the highest this chip allows (RM0090, section 7).
-///
-/// 8 MHz / 4 = 2 MHz into the PLL, x 168 = 336 MHz inside, / 2 = 168 MHz for core and AHB, / 7 = 48 MHz
-/// for USB. APB1 runs at 42 MHz (its timers, among them the 32-bit TIM2 and TIM5, at 84 MHz), APB2 at
-/// 84 MHz (its timers at 168 MHz).
-fn clock_tree() -> embassy_stm32::Config {
-    use embassy_stm32::rcc::{
-        AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource, Sysclk,
-    };
-    let mut config = embassy_stm32::Config::default();
-    config.rcc.hse = Some(Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator });
-    config.rcc.pll_src = PllSource::HSE;
-    config.rcc.pll = Some(Pll {
-        prediv: PllPreDiv::DIV4,
-        mul: PllMul::MUL168,
-        divp: Some(PllPDiv::DIV2),
-        divq: Some(PllQDiv::DIV7),
-        divr: None,
-    });
-    config.rcc.sys = Sysclk::PLL1_P;
-    config.rcc.ahb_pre = AHBPrescaler::DIV1;
-    config.rcc.apb1_pre = APBPrescaler::DIV4;
-    config.rcc.apb2_pre = APBPrescaler::DIV2;
-    config
+#[interrupt]
+unsafe fn UART5() {
+    // SAFETY: this is the interrupt that `main` starts the executor on, and nothing else calls it.
+    unsafe { GUIDANCE.on_interrupt() }
 }
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
-    let peripherals = embassy_stm32::init(clock_tree());
-    defmt::info!("skyroost {=str} on stm32f405", env!("CARGO_PKG_VERSION"));
-    // A task is refused only when it already runs; at start that means memory is not what it should be.
-    let Ok(guidance) = guidance(IndependentWatchdog::new(peripherals.IWDG, WATCHDOG_US)) else {
-        SCB::sys_reset();
-    };
-    spawner.spawn(guidance);
+#[interrupt]
+unsafe fn UART4() {
+    // SAFETY: this is the interrupt that `main` starts the executor on, and nothing else calls it.
+    unsafe { LINKS.on_interrupt() }
 }
 
-/// Steps the flight code at every slot of the grid and keeps the watchdog quiet while it does.
-#[embassy_executor::task]
-async fn guidance(mut watchdog: IndependentWatchdog<'static, IWDG>) {
-    let mut cadence = Cadence::starting_at(Instant::now().as_micros());
-    let mut agent = FlightAgent::new(AgentConfig::new(DroneId(1)));
-    let (mut inputs, mut outputs) = (Inputs::default(), Outputs::default());
-    watchdog.unleash();
-    loop {
-        Timer::at(Instant::from_micros(cadence.due_us())).await;
-        let begun = Instant::now();
-        // GNSS time until a receiver disciplines it. The drivers of radio, navigation and capture timer come
-        // with the boards that carry them; until then the agent hears nothing and stays on the ground.
-        let now = TimePs::from_us(begun.as_micros() as i64);
-        outputs.clear();
-        agent.step(now, &inputs, &mut outputs);
-        inputs.clear();
-        cadence.finished(begun.as_micros(), Instant::now().as_micros());
-        watchdog.pet();
-        if cadence.punctuality().steps.is_multiple_of(STEPS_PER_REPORT) {
-            defmt::info!("{}", cadence.punctuality());
-        }
+#[entry]
+fn main() -> ! {
+    static SHELL: StaticCell<Shell> = StaticCell::new();
+    let shell = &*SHELL.init_with(Shell::new);
+    start_stopwatch();
+    interrupt::UART5.set_priority(GUIDANCE_PRIORITY);
+    interrupt::UART4.set_priority(LINKS_PRIORITY);
+    let executors =
+        Executors { guidance: GUIDANCE.start(interrupt::UART5), links: LINKS.start(interrupt::UART4) };
+    executors.link(links::bench(shell));
+    executors.link(links::radio_frames(shell));
+    if emulator::detect() {
+        emulator::start(shell, &executors);
+    } else {
+        chip::start(shell, &executors);
     }
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// Where tasks are spawned.
+struct Executors {
+    guidance: SendSpawner,
+    links: SendSpawner,
+}
+
+impl Executors {
+    /// Spawns the guidance task.
+    fn guide<S: Send>(&self, task: Result<SpawnToken<S>, SpawnError>) {
+        spawn(self.guidance, task);
+    }
+
+    /// Spawns a task of the links.
+    fn link<S: Send>(&self, task: Result<SpawnToken<S>, SpawnError>) {
+        spawn(self.links, task);
+    }
+}
+
+fn spawn<S: Send>(executor: SendSpawner, task: Result<SpawnToken<S>, SpawnError>) {
+    // A task is refused only when it already runs; at start that means memory is not what it should be.
+    match task {
+        Ok(task) => executor.spawn(task),
+        Err(_) => SCB::sys_reset(),
+    }
+}
+
+/// The cycle counter of the core.
+#[derive(Clone, Copy)]
+struct Cycles;
+
+impl Stopwatch for Cycles {
+    fn read(&self) -> u32 {
+        DWT::cycle_count()
+    }
+
+    fn since(&self, earlier: u32) -> u32 {
+        DWT::cycle_count().wrapping_sub(earlier)
+    }
+}
+
+fn start_stopwatch() {
+    let Some(mut core) = cortex_m::Peripherals::take() else { return };
+    DCB::enable_trace(&mut core.DCB);
+    core.DWT.enable_cycle_counter();
+}
+
+/// Most bytes of stack ever in use: how far down the paint of the start-up code is gone.
+fn stack_used() -> u32 {
+    unsafe extern "C" {
+        static _stack_start: u32;
+        static _stack_end: u32;
+    }
+    let top = &raw const _stack_start as usize;
+    let mut at = (&raw const _stack_end as usize).next_multiple_of(4);
+    // SAFETY: `at` runs over the words between the linker's two marks, which are RAM of the stack.
+    while at < top && unsafe { (at as *const u32).read_volatile() } == cortex_m_rt::STACK_PAINT_VALUE {
+        at += 4;
+    }
+    (top - at) as u32
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    safe::outputs();
+    defmt::error!("hard fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
+    safe::reset(LastWords::Fault)
+}
+
+/// The clock security system found the crystal stopped; the chip runs on its internal oscillator now.
+#[exception]
+unsafe fn NonMaskableInt() {
+    safe::outputs();
+    defmt::error!("the crystal has stopped");
+    safe::reset(LastWords::Crystal)
 }
 
 /// Says where, then resets: a drone is better served by a board that starts again than by one that halts.
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
+    safe::outputs();
     if let Some(place) = info.location() {
         defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
     }
-    SCB::sys_reset()
+    safe::reset(LastWords::Panic)
 }
