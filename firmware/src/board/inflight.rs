@@ -5,7 +5,6 @@ use super::gnss_clock::GnssClock;
 use super::pulse_line::Oscillator;
 use super::ticks::TickCounter;
 use super::triggers::{TriggerWindow, Triggers};
-use crate::STEP_US;
 use crate::counters::Counters;
 use crate::io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, NavFix, Outputs};
 use heapless::Vec;
@@ -234,14 +233,6 @@ impl Inflight {
     }
 }
 
-/// The first slot of the guidance grid after `now`: whole multiples of the step since the mission's epoch,
-/// the same for all drones. In microseconds; times before the epoch have none.
-#[must_use]
-pub const fn next_slot_us(now: TimePs) -> u64 {
-    let us = now.as_us();
-    if us < 0 { 0 } else { (us / STEP_US + 1) as u64 * STEP_US as u64 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -373,13 +364,5 @@ mod tests {
         board.hear(FromAutopilot::Configure { drone: DroneId(4), epoch_gps_s: EPOCH_GPS_S }, timer(1_000));
         assert_eq!(board.identity().map(|identity| identity.drone), Some(DroneId(3)));
         assert_eq!(board.counters().contradicted, 1);
-    }
-
-    #[test]
-    fn slots_are_the_same_for_all() {
-        assert_eq!(next_slot_us(TimePs::from_us(0)), 20_000);
-        assert_eq!(next_slot_us(TimePs::from_us(19_999)), 20_000);
-        assert_eq!(next_slot_us(TimePs::from_us(20_000)), 40_000);
-        assert_eq!(next_slot_us(TimePs::from_us(-5)), 0);
     }
 }

@@ -10,6 +10,7 @@ pub mod cadence;
 #[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
 pub mod fly;
 pub mod gnss_clock;
+pub mod grid;
 pub mod inflight;
 pub mod lockstep;
 pub mod pulse_line;

@@ -207,12 +207,13 @@ impl Line {
     ///
     /// With e the bound of an edge's error and n edges: the least-squares line errs at its end by less than
     /// 5/3 e (the weights of its edges, between 4/n and -2/n, sum up to that in absolute value) and in its
-    /// slope by less than 4 e/n a second; an oscillator whose rate changes by up to w a second leaves a
-    /// line drawn through the last T seconds by less than w (t + T/2)^2 / 2.
+    /// slope by less than 4 e/n a second. An oscillator whose rate changes by w a second is away from a line
+    /// that knows it as it was M seconds ago by w (t + M)^2 / 2. The filter's lag under a steady change,
+    /// w (1-g)/h (Brookner, 1.2.6), gives M = 0.54 n, its slope's 0.62 n; lost pulses make it older.
     fn error_ns(&self, away_ms: u64, oscillator: &Oscillator) -> u64 {
         let edge = oscillator.edge_error_ns();
         let drift = self.rate_error_ppb(oscillator) * away_ms / 1000;
-        let memory_ms = (u64::from(self.edges) + 2 * u64::from(self.gap_s)) * 500;
+        let memory_ms = u64::from(self.edges) * 650 + u64::from(self.gap_s) * 1500;
         let bent_ms = away_ms + memory_ms;
         let wander = u64::from(oscillator.wander_ppb_per_s) * bent_ms / 1000 * bent_ms / 2000;
         2 * edge + drift + wander

@@ -51,12 +51,12 @@ unsafe fn USART1() {
 pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
     static BUS_BUFFER: StaticCell<[u8; DMA_BUFFER]> = StaticCell::new();
     static RADIO_BUFFER: StaticCell<[u8; DMA_BUFFER]> = StaticCell::new();
-    safe::outputs();
     let crystal = clocks::start_crystal();
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks::tree(crystal);
     config.dma_interrupt_priority = DRIVER_PRIORITY;
     let peripherals = embassy_stm32::init(config);
+    safe::outputs(); // not before: that reset the ports
     if crystal {
         clocks::guard_crystal();
     }

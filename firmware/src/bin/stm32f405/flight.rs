@@ -10,8 +10,9 @@ use embassy_time::{Instant, Timer};
 use skyroost_firmware::agent::FlightAgent;
 use skyroost_firmware::board::autopilot::{Start, Status, TO_AUTOPILOT, ToAutopilot, encode};
 use skyroost_firmware::board::bus_mode::BusMode;
-use skyroost_firmware::board::cadence::{Cadence, GUIDANCE_PERIOD_US};
-use skyroost_firmware::board::inflight::{Inflight, next_slot_us};
+use skyroost_firmware::board::cadence::GUIDANCE_PERIOD_US;
+use skyroost_firmware::board::grid::{Grid, Waking};
+use skyroost_firmware::board::inflight::Inflight;
 use skyroost_firmware::board::pulse_line::Oscillator;
 use skyroost_firmware::board::shell::Shell;
 use skyroost_firmware::config::AgentConfig;
@@ -77,15 +78,15 @@ struct Pilot {
     shell: &'static Shell,
     start: Start,
     board: Inflight,
-    /// Runs on GNSS time, from the first moment that it is known.
-    cadence: Option<Cadence>,
+    /// None until GNSS time is known and with it the drone is born.
+    grid: Option<Grid>,
     worst_step_cycles: u32,
 }
 
 impl Pilot {
     fn new(shell: &'static Shell, start: Start) -> Self {
         let board = Inflight::new(OSCILLATOR, capture::now());
-        Self { shell, start, board, cadence: None, worst_step_cycles: 0 }
+        Self { shell, start, board, grid: None, worst_step_cycles: 0 }
     }
 
     /// Flies for ever. `well` is called after every slot that ended as it should, and by nothing else.
@@ -110,29 +111,25 @@ impl Pilot {
         }
         // Before GNSS time is known the drone is no part of a fleet: its times would be lies.
         let Some(now) = self.board.step_time(capture::now()) else { return u64::from(GUIDANCE_PERIOD_US) };
-        let now_us = u64::try_from(now.as_us()).unwrap_or(0);
-        if self.cadence.is_none() {
+        if self.grid.is_none() {
             self.be_born().await;
         }
-        let cadence = self.cadence.get_or_insert_with(|| Cadence::starting_at(next_slot_us(now)));
-        // A microsecond more, so that the clock's own rounding does not wake it before its time.
-        let ahead_us = cadence.due_us().saturating_sub(now_us);
-        if ahead_us > 0 {
-            return ahead_us.min(u64::from(GUIDANCE_PERIOD_US)) + 1;
+        let grid = self.grid.get_or_insert_default();
+        if let Waking::Sleep { us } = grid.wake(now) {
+            return us;
         }
         let begun = Instant::now();
         self.step(now).await;
-        let ended_us = now_us.saturating_add(begun.elapsed().as_micros());
-        let Some(cadence) = &mut self.cadence else { return 0 };
-        cadence.finished(now_us, ended_us);
-        let (due_us, steps) = (cadence.due_us(), cadence.punctuality().steps);
+        let grid = self.grid.get_or_insert_default();
+        let pause_us = grid.stepped(now, begun.elapsed().as_micros());
+        let steps = grid.punctuality().steps;
         if steps.is_multiple_of(STEPS_PER_STATUS) {
             self.report();
         }
         if steps.is_multiple_of(STEPS_PER_START) {
             say(self.shell, &ToAutopilot::Started(self.start));
         }
-        due_us.saturating_sub(ended_us).min(u64::from(GUIDANCE_PERIOD_US)) + 1
+        pause_us
     }
 
     /// The agent is born when the board knows who it is.
@@ -160,8 +157,8 @@ impl Pilot {
     fn report(&self) {
         let mut status = Status { captures_lost: capture::lost(), ..Status::default() };
         self.board.describe(&mut status);
-        if let Some(cadence) = &self.cadence {
-            let kept = cadence.punctuality();
+        if let Some(grid) = &self.grid {
+            let kept = grid.punctuality();
             status.steps = [kept.steps, kept.dropped_slots, kept.worst_step_us];
         }
         status.links = [&links::UNKNOWN, &links::LOST, &UNSENT].map(|count| count.load(Ordering::Relaxed));

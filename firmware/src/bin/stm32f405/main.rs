@@ -27,7 +27,8 @@ mod supply;
 
 use core::panic::PanicInfo;
 
-use cortex_m::peripheral::{DCB, DWT, SCB};
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, SendSpawner, SpawnError, SpawnToken};
@@ -107,24 +108,29 @@ fn spawn<S: Send>(executor: SendSpawner, task: Result<SpawnToken<S>, SpawnError>
     }
 }
 
-/// The cycle counter of the core.
+/// The core's clock: SysTick, which the emulator has as well, down over 24 bits (100 ms).
 #[derive(Clone, Copy)]
 struct Cycles;
 
+const SYSTICK_BITS: u32 = 24;
+
 impl Stopwatch for Cycles {
     fn read(&self) -> u32 {
-        DWT::cycle_count()
+        SYST::get_current()
     }
 
     fn since(&self, earlier: u32) -> u32 {
-        DWT::cycle_count().wrapping_sub(earlier)
+        earlier.wrapping_sub(SYST::get_current()) & ((1 << SYSTICK_BITS) - 1)
     }
 }
 
 fn start_stopwatch() {
-    let Some(mut core) = cortex_m::Peripherals::take() else { return };
-    DCB::enable_trace(&mut core.DCB);
-    core.DWT.enable_cycle_counter();
+    let Some(core) = cortex_m::Peripherals::take() else { return };
+    let mut systick = core.SYST;
+    systick.set_clock_source(SystClkSource::Core);
+    systick.set_reload((1 << SYSTICK_BITS) - 1);
+    systick.clear_current();
+    systick.enable_counter();
 }
 
 /// Most bytes of stack ever in use: how far down the paint of the start-up code is gone.
