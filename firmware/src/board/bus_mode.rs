@@ -92,7 +92,7 @@ mod tests {
         FromAutopilot::Nav { nav: None, battery_permille: 5 }
     }
 
-    fn push_all(intake: &mut BusIntake, bytes: &[u8]) -> std::vec::Vec<Heard> {
+    fn push_all(intake: &mut BusIntake, bytes: &[u8]) -> Vec<Heard> {
         bytes.iter().filter_map(|byte| intake.push(*byte)).collect()
     }
 

@@ -1,7 +1,6 @@
 //! What a board in flight asks of the tasks in the [`shell`](super::shell).
 
 use super::shell::{Shell, Stopwatch};
-use crate::agent::FlightAgent;
 use crate::config::AgentConfig;
 use crate::io::{Inputs, Outputs};
 use skyroost_protocol::units::TimePs;
@@ -12,21 +11,22 @@ impl Shell {
         self.core.lock().await.begin(config);
     }
 
-    /// Does the step at `now`: `sense` adds to the radio's frames what else was sensed, `act` sees to what
-    /// is to be done. Returns what the step cost.
+    /// Does the step at `now` for `board`: `sense` adds to the radio's frames what else was sensed, `act` sees
+    /// to what is to be done. Returns what the step cost.
     ///
     /// Waits at most for a link that is putting a few bytes in.
-    pub async fn fly(
+    pub async fn fly<B>(
         &self,
         now: TimePs,
         stopwatch: &impl Stopwatch,
-        sense: impl FnOnce(&mut Inputs),
-        act: impl FnOnce(&FlightAgent, &Outputs),
+        board: &mut B,
+        sense: impl FnOnce(&mut B, &mut Inputs),
+        act: impl FnOnce(&mut B, &Outputs),
     ) -> u32 {
         let mut core = self.core.lock().await;
-        sense(&mut core.inputs);
+        sense(board, &mut core.inputs);
         let cost = core.step(now, stopwatch);
-        act(&core.agent, &core.outputs);
+        act(board, &core.outputs);
         cost
     }
 }

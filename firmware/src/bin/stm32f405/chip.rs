@@ -125,20 +125,20 @@ fn at(baud: u32) -> usart::Config {
 
 #[embassy_executor::task]
 async fn read_bus(shell: &'static Shell, uart: RingBufferedUartRx<'static>) {
-    links::read_bus(shell, uart).await
+    links::read_bus(shell, uart).await;
 }
 
 #[embassy_executor::task]
 async fn write_bus(shell: &'static Shell, uart: UartTx<'static, Async>) {
-    links::write_bus(shell, uart).await
+    links::write_bus(shell, uart).await;
 }
 
 #[embassy_executor::task]
 async fn read_radio(shell: &'static Shell, uart: RingBufferedUartRx<'static>) {
-    links::read_radio(shell, uart).await
+    links::read_radio(shell, uart).await;
 }
 
 #[embassy_executor::task]
 async fn write_radio(uart: UartTx<'static, Async>) {
-    links::write_radio(uart).await
+    links::write_radio(uart).await;
 }

@@ -109,10 +109,10 @@ impl Write for Port {
 
 #[embassy_executor::task]
 async fn read_bus(shell: &'static Shell) {
-    links::read_bus(shell, Port).await
+    links::read_bus(shell, Port).await;
 }
 
 #[embassy_executor::task]
 async fn write_bus(shell: &'static Shell) {
-    links::write_bus(shell, Port).await
+    links::write_bus(shell, Port).await;
 }

@@ -7,7 +7,6 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex as Raw;
 use embassy_sync::pipe::Pipe;
 use embassy_time::{Instant, Timer};
-use skyroost_firmware::agent::FlightAgent;
 use skyroost_firmware::board::autopilot::{Start, Status, TO_AUTOPILOT, ToAutopilot, encode};
 use skyroost_firmware::board::bus_mode::BusMode;
 use skyroost_firmware::board::cadence::GUIDANCE_PERIOD_US;
@@ -62,7 +61,7 @@ pub(crate) async fn guidance(
         BusMode::Undecided | BusMode::Bench => shell.guidance(Cycles).await,
         BusMode::Flight => {
             watchdog.unleash();
-            Pilot::new(shell, start).fly(|| watchdog.pet()).await
+            Pilot::new(shell, start).fly(|| watchdog.pet()).await;
         }
     }
 }
@@ -70,7 +69,7 @@ pub(crate) async fn guidance(
 /// The guidance task of the emulator, which has neither watchdog nor timers: it serves the host.
 #[embassy_executor::task]
 pub(crate) async fn bench_guidance(shell: &'static Shell) {
-    shell.guidance(Cycles).await
+    shell.guidance(Cycles).await;
 }
 
 /// Guidance in flight.
@@ -143,14 +142,9 @@ impl Pilot {
     }
 
     async fn step(&mut self, now: TimePs) {
-        let Self { shell, start, board, .. } = self;
-        // Sensing and acting do not overlap, which the borrow checker cannot know of two closures.
-        let board = core::cell::RefCell::new(board);
-        let sense = |inputs: &mut _| board.borrow_mut().sense(inputs);
-        let act = |_: &FlightAgent, outputs: &Outputs| {
-            act(shell, now, start.crystal, &mut board.borrow_mut(), outputs)
-        };
-        let cycles = shell.fly(now, &Cycles, sense, act).await;
+        let (shell, crystal) = (self.shell, self.start.crystal);
+        let act = |board: &mut Inflight, outputs: &Outputs| act(shell, now, crystal, board, outputs);
+        let cycles = shell.fly(now, &Cycles, &mut self.board, Inflight::sense, act).await;
         self.worst_step_cycles = self.worst_step_cycles.max(cycles);
     }
 

@@ -31,13 +31,13 @@ pub(crate) static LOST: AtomicU32 = AtomicU32::new(0);
 #[embassy_executor::task]
 pub(crate) async fn bench(shell: &'static Shell) {
     // The host's time is only in the steps: no timer of this board waits for it.
-    shell.bus(|_| {}, stack_used).await
+    shell.bus(|_| {}, stack_used).await;
 }
 
 /// Finds frames in the bytes of the radio.
 #[embassy_executor::task]
 pub(crate) async fn radio_frames(shell: &'static Shell) {
-    shell.radio().await
+    shell.radio().await;
 }
 
 /// Writes the state of the board into the log.

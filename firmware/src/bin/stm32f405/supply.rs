@@ -42,8 +42,8 @@ pub(crate) fn leave_word(words: LastWords) {
     pac::RTC.bkpr(WORDS).write(|w| w.set_bkp(words.register()));
 }
 
-/// Threshold of the supply supervisor: the highest, 2.85 V falling (data sheet DS8626, 5.3.6), above the
-/// brown-out reset that the option bytes should be set to.
+/// Threshold of the supply supervisor: the highest, typically 3.03 V falling and 3.14 V rising (data sheet
+/// DS8626, 5.3.5), 200 mV above the brown-out reset that the option bytes should be set to.
 const HIGHEST: u8 = 7;
 /// The line of the supervisor at the interrupt controller (RM0090, 12.2.5).
 const EXTI_PVD: usize = 16;
