@@ -71,10 +71,9 @@ pub enum ToAutopilot {
 /// How and why the board has started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Start {
-    /// Counts boots; see [`boot`](super::boot).
-    pub boot_epoch: u16,
-    /// Whether backup power was lost, and the count of boots with it.
-    pub epoch_lost: bool,
+    /// The boot epoch before this one, if backup power kept it; see
+    /// [`epoch_at_birth`](super::boot::epoch_at_birth).
+    pub last_epoch: Option<u16>,
     /// Why it was reset: bits of [`ResetCause`](super::boot::ResetCause).
     pub reset_cause: u8,
     /// Why it reset itself, if it did: a [`LastWords`](super::boot::LastWords).

@@ -1,4 +1,4 @@
-//! Why the board has started, and how often: what survives a reset.
+//! Why the board has started, and what of it survives a reset.
 
 /// Why the chip was reset (RM0090, 7.3.21: `RCC_CSR`), as the bits 25 to 31 of that register.
 ///
@@ -94,39 +94,39 @@ impl LastWords {
 /// Marks a backup register that this program wrote.
 const MAGIC: u32 = 0x5b00;
 
-/// The count of boots, kept in one backup register of the real-time clock.
+/// Seconds to a boot epoch. No board is born twice in so short a time: its clock takes longer to lock.
+const EPOCH_S: i64 = 4;
+
+/// Epoch under which a board is born, so that its sequence numbers, which start anew, never repeat.
 ///
-/// Sequence numbers of frames start anew with each boot; the count tells receivers that they did. It survives
-/// every reset, and a loss of power too where a battery or a large capacitor is at `VBAT`. Where that is
-/// lost as well the count starts again at 1: receivers then take the drone's frames for old ones until it
-/// has been silent for as long as they remember it, or until they are told to forget it. The register's
-/// upper half is a mark over the lower one, so that what a register holds at power-on is not taken for a
-/// count.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BootCount {
-    /// This boot, from 1; wraps after 65,535 boots, which receivers expect.
-    pub epoch: u16,
-    /// Whether there was no count to go on from.
-    pub lost: bool,
+/// Receivers compare epochs modulo 2^16 (RFC 1982) and drop what is not newer than the last one they
+/// heard. So an epoch is GPS time in units of four seconds, which goes on whatever power is lost, and
+/// compares rightly for 36 hours. The last epoch is kept in a backup register of the real-time clock as
+/// well, over every reset and, with a battery at `VBAT`, over a loss of power: should time ever have run
+/// ahead, the next birth is newer all the same. Where that register was lost, time alone decides.
+#[must_use]
+pub const fn epoch_at_birth(last: Option<u16>, gps_s: i64) -> u16 {
+    let by_time = gps_s.div_euclid(EPOCH_S) as u16;
+    match last {
+        Some(last) if (by_time.wrapping_sub(last) as i16) <= 0 => last.wrapping_add(1),
+        _ => by_time,
+    }
 }
 
-impl BootCount {
-    /// The count after the one that `register` holds.
-    #[must_use]
-    pub const fn after(register: u32) -> Self {
-        let last = register as u16;
-        if register >> 16 == mark(last) {
-            Self { epoch: last.wrapping_add(1), lost: false }
-        } else {
-            Self { epoch: 1, lost: true }
-        }
-    }
+/// The last epoch, from the register that holds it; none when that was lost.
+///
+/// The register's upper half is a mark over the lower one, so that what a register holds at power-on is
+/// not taken for an epoch.
+#[must_use]
+pub const fn epoch_from_register(register: u32) -> Option<u16> {
+    let epoch = register as u16;
+    if register >> 16 == mark(epoch) { Some(epoch) } else { None }
+}
 
-    /// What to put into the register.
-    #[must_use]
-    pub const fn register(&self) -> u32 {
-        mark(self.epoch) << 16 | self.epoch as u32
-    }
+/// What to put into the register.
+#[must_use]
+pub const fn register_of_epoch(epoch: u16) -> u32 {
+    mark(epoch) << 16 | epoch as u32
 }
 
 const fn mark(epoch: u16) -> u32 {
@@ -139,12 +139,9 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn counts_from_an_empty_register() {
-        let first = BootCount::after(0);
-        assert_eq!(first, BootCount { epoch: 1, lost: true });
-        let second = BootCount::after(first.register());
-        assert_eq!(second, BootCount { epoch: 2, lost: false });
-        assert!(BootCount::after(u32::MAX).lost);
+    fn an_empty_register_holds_no_epoch() {
+        assert_eq!(epoch_from_register(0), None);
+        assert_eq!(epoch_from_register(u32::MAX), None);
     }
 
     #[test]
@@ -169,18 +166,31 @@ mod tests {
     }
 
     proptest! {
+        /// Every birth is newer than all before it within a day and a half, as receivers compare.
         #[test]
-        fn counts_on_over_the_wrap(epoch: u16) {
-            let count = BootCount { epoch, lost: false };
-            let next = BootCount::after(count.register());
-            prop_assert_eq!(next, BootCount { epoch: epoch.wrapping_add(1), lost: false });
+        fn truth_a_later_birth_is_newer(
+            first_gps_s in 0..4_000_000_000_i64,
+            after_s in 4..131_000_i64,
+            kept: bool,
+        ) {
+            let first = epoch_at_birth(None, first_gps_s);
+            let next = epoch_at_birth(kept.then_some(first), first_gps_s + after_s);
+            prop_assert!((next.wrapping_sub(first) as i16) > 0);
+        }
+
+        /// With the register, whatever time does.
+        #[test]
+        fn with_the_register_it_is_newer_at_any_time(last: u16, gps_s: i64) {
+            let next = epoch_at_birth(Some(last), gps_s);
+            prop_assert!((next.wrapping_sub(last) as i16) > 0);
         }
 
         /// One flipped bit is noticed.
         #[test]
         fn damage_is_noticed(epoch: u16, bit in 0..32_u32) {
-            let register = BootCount { epoch, lost: false }.register() ^ (1_u32 << bit);
-            prop_assert!(BootCount::after(register).lost);
+            let register = register_of_epoch(epoch);
+            prop_assert_eq!(epoch_from_register(register), Some(epoch));
+            prop_assert_eq!(epoch_from_register(register ^ (1 << bit)), None);
         }
     }
 }

@@ -63,13 +63,12 @@ pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
     let started = supply::start();
     supply::guard();
     defmt::info!(
-        "skyroost {=str} on stm32f405, boot {=u16}{=str} after {=str} ({=u8:#09b}, last words: {=str})",
+        "skyroost {=str} on stm32f405 after {=str} ({=u8:#09b}), last words: {=str}, last epoch: {}",
         env!("CARGO_PKG_VERSION"),
-        started.boots.epoch,
-        if started.boots.lost { " (count lost)" } else { "" },
         started.cause.name(),
         started.cause.0,
         started.words.name(),
+        started.last_epoch,
     );
     if !crystal {
         defmt::error!("the crystal does not start: nothing will be commanded");
@@ -102,8 +101,7 @@ pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
     let bus_rx = bus_rx.into_ring_buffered(BUS_BUFFER.init([0; DMA_BUFFER]));
     let radio_rx = radio_rx.into_ring_buffered(RADIO_BUFFER.init([0; DMA_BUFFER]));
     let start = Start {
-        boot_epoch: started.boots.epoch,
-        epoch_lost: started.boots.lost,
+        last_epoch: started.last_epoch,
         reset_cause: started.cause.0,
         last_words: started.words as u8,
         crystal,

@@ -8,6 +8,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex as Raw;
 use embassy_sync::pipe::Pipe;
 use embassy_time::{Instant, Timer};
 use skyroost_firmware::board::autopilot::{Start, Status, TO_AUTOPILOT, ToAutopilot, encode};
+use skyroost_firmware::board::boot::epoch_at_birth;
 use skyroost_firmware::board::bus_mode::BusMode;
 use skyroost_firmware::board::cadence::GUIDANCE_PERIOD_US;
 use skyroost_firmware::board::grid::{Grid, Waking};
@@ -23,7 +24,7 @@ use skyroost_protocol::units::TimePs;
 
 use super::capture::{self, Window};
 use super::links::{self, MESSAGES, MODE, RADIO_OUT, STATUS};
-use super::{Cycles, safe};
+use super::{Cycles, safe, supply};
 
 const TIMER_RATE: TickRate = match TickRate::new(capture::RATE_HZ) {
     Ok(rate) => rate,
@@ -111,7 +112,7 @@ impl Pilot {
         // Before GNSS time is known the drone is no part of a fleet: its times would be lies.
         let Some(now) = self.board.step_time(capture::now()) else { return u64::from(GUIDANCE_PERIOD_US) };
         if self.grid.is_none() {
-            self.be_born().await;
+            self.be_born(now).await;
         }
         let grid = self.grid.get_or_insert_default();
         if let Waking::Sleep { us } = grid.wake(now) {
@@ -131,14 +132,15 @@ impl Pilot {
         pause_us
     }
 
-    /// The agent is born when the board knows who it is.
-    async fn be_born(&mut self) {
-        let Some(identity) = self.board.identity() else { return };
+    /// The agent is born when the board knows who it is and what time it is.
+    async fn be_born(&mut self, now: TimePs) {
+        let (Some(identity), Some(gps_s)) = (self.board.identity(), self.board.gps_s(now)) else { return };
         let mut config = AgentConfig::new(identity.drone);
-        config.boot_epoch = self.start.boot_epoch;
+        config.boot_epoch = epoch_at_birth(self.start.last_epoch, gps_s);
         config.capture_rate = TIMER_RATE;
+        supply::keep_epoch(config.boot_epoch);
         self.shell.begin(config).await;
-        defmt::info!("drone {=u16} begins", identity.drone.0);
+        defmt::info!("drone {=u16} begins, boot epoch {=u16}", identity.drone.0, config.boot_epoch);
     }
 
     async fn step(&mut self, now: TimePs) {

@@ -1,14 +1,14 @@
-//! Supply and resets: why the board has started, how often, and when its supply falls.
+//! Supply and resets: why the board has started, what it keeps for the next start, and when its supply falls.
 
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac;
-use skyroost_firmware::board::boot::{BootCount, LastWords, ResetCause};
+use skyroost_firmware::board::boot::{LastWords, ResetCause, epoch_from_register, register_of_epoch};
 
 use super::safe;
 
-/// Backup register of the count of boots.
-const BOOTS: usize = 0;
+/// Backup register of the last boot epoch.
+const EPOCH: usize = 0;
 /// Backup register of the last words.
 const WORDS: usize = 1;
 
@@ -17,11 +17,10 @@ const WORDS: usize = 1;
 pub(crate) struct Start {
     pub(crate) cause: ResetCause,
     pub(crate) words: LastWords,
-    pub(crate) boots: BootCount,
+    pub(crate) last_epoch: Option<u16>,
 }
 
-/// Reads why the chip was reset and what was left in the backup registers, clears the one and counts up in
-/// the other. The clocks are set up: only then is the backup domain what it stays, since a change of the
+/// Reads why the chip was reset, and clears it; reads what was left in the backup registers. The clocks are set up: only then is the backup domain what it stays, since a change of the
 /// real-time clock's source would clear it.
 pub(crate) fn start() -> Start {
     let csr = pac::RCC.csr();
@@ -29,10 +28,14 @@ pub(crate) fn start() -> Start {
     csr.modify(|w| w.set_rmvf(true));
     csr.modify(|w| w.set_rmvf(false));
     let words = LastWords::from_register(pac::RTC.bkpr(WORDS).read().bkp());
-    let boots = BootCount::after(pac::RTC.bkpr(BOOTS).read().bkp());
+    let last_epoch = epoch_from_register(pac::RTC.bkpr(EPOCH).read().bkp());
     leave_word(LastWords::None);
-    pac::RTC.bkpr(BOOTS).write(|w| w.set_bkp(boots.register()));
-    Start { cause, words, boots }
+    Start { cause, words, last_epoch }
+}
+
+/// Keeps the epoch of this boot for the next.
+pub(crate) fn keep_epoch(epoch: u16) {
+    pac::RTC.bkpr(EPOCH).write(|w| w.set_bkp(register_of_epoch(epoch)));
 }
 
 /// Leaves word for the next start. From any context.
