@@ -30,14 +30,14 @@ pub struct AgentConfig {
 impl AgentConfig {
     /// Defaults for the drone `id`, booted for the first time.
     #[must_use]
-    pub fn new(id: DroneId) -> Self {
+    pub const fn new(id: DroneId) -> Self {
         Self {
             id,
             boot_epoch: 1,
             capture_rate: BASEBAND_RATE,
             share_period: TimePs::from_ms(100),
-            limits: FlightLimits::default(),
-            supervisor: SupervisorConfig::default(),
+            limits: FlightLimits::COPTER,
+            supervisor: SupervisorConfig::USUAL,
         }
     }
 }
@@ -53,9 +53,14 @@ pub struct FlightLimits {
     pub max_vertical_mps: f32,
 }
 
+impl FlightLimits {
+    /// Those of a small multicopter.
+    pub const COPTER: Self = Self { max_speed_mps: 12.0, max_accel_mps2: 3.0, max_vertical_mps: 3.0 };
+}
+
 impl Default for FlightLimits {
     fn default() -> Self {
-        Self { max_speed_mps: 12.0, max_accel_mps2: 3.0, max_vertical_mps: 3.0 }
+        Self::COPTER
     }
 }
 
@@ -76,15 +81,20 @@ pub struct SupervisorConfig {
     pub battery_critical_permille: u16,
 }
 
+impl SupervisorConfig {
+    /// What suits links of some kilometres and a battery that lasts a mission.
+    pub const USUAL: Self = Self {
+        link_warn_ms: 2_000,
+        link_hold_ms: 10_000,
+        link_return_ms: 60_000,
+        nav_lost_ms: 500,
+        battery_low_permille: 150,
+        battery_critical_permille: 50,
+    };
+}
+
 impl Default for SupervisorConfig {
     fn default() -> Self {
-        Self {
-            link_warn_ms: 2_000,
-            link_hold_ms: 10_000,
-            link_return_ms: 60_000,
-            nav_lost_ms: 500,
-            battery_low_permille: 150,
-            battery_critical_permille: 50,
-        }
+        Self::USUAL
     }
 }

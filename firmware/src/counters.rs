@@ -30,6 +30,25 @@ pub struct Counters {
 }
 
 impl Counters {
+    /// Nothing counted yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            frames_rejected: 0,
+            frames_repeated: 0,
+            frames_unexpected: 0,
+            frames_overflowed: 0,
+            srs_late: 0,
+            srs_overflowed: 0,
+            captures_unknown: 0,
+            captures_overflowed: 0,
+            peers_evicted: 0,
+            peers_expired: 0,
+            lanes_refused: 0,
+            not_finite: 0,
+        }
+    }
+
     /// Adds one, saturating.
     pub fn count(counter: &mut u32) {
         *counter = counter.saturating_add(1);

@@ -3,23 +3,26 @@
 //! The caller clears them between steps ([`Inputs::clear`], [`Outputs::clear`]); an input that does
 //! not fit is the caller's to count, an output that does not fit is counted by the agent.
 
-use crate::Vec3;
+use crate::{Vec3, ZERO};
 use heapless::Vec;
 use skyroost_protocol::{
     codec::Frame,
-    message::{AttachedUser, MAX_ATTACHED_PER_FRAME},
+    message::{AttachedUser, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME},
     units::{OccasionId, TimePs, UserId},
 };
 
-/// Most frames received or sent in one step and on one link.
+/// Most frames received in one step, and most sent to the control center.
 pub const MAX_FRAMES_PER_STEP: usize = 16;
 /// Most SRS captures in one step.
 pub const MAX_CAPTURES_PER_STEP: usize = 16;
+/// Most frames sent to fleet mates in one step: the captures of a step, and the sweep phase. More there
+/// cannot be.
+pub const MAX_PEER_FRAMES_PER_STEP: usize = MAX_CAPTURES_PER_STEP.div_ceil(MAX_CAPTURES_PER_FRAME) + 1;
 /// Most SRS gates opened in one step.
 pub const MAX_GATES_PER_STEP: usize = 16;
 
 /// Everything that reached the drone since the last step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Inputs {
     /// Navigation solution of the autopilot; none while it has none.
     pub nav: Option<NavFix>,
@@ -35,7 +38,26 @@ pub struct Inputs {
     pub battery_permille: u16,
 }
 
+impl Default for Inputs {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Inputs {
+    /// Nothing came in.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            nav: None,
+            timer_ticks: 0,
+            captures: Vec::new(),
+            attached: Vec::new(),
+            frames: Vec::new(),
+            battery_permille: 0,
+        }
+    }
+
     /// Forgets everything, keeping the memory.
     pub fn clear(&mut self) {
         self.nav = None;
@@ -66,19 +88,31 @@ pub struct Capture {
 }
 
 /// Everything the drone wants done.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Outputs {
     /// For the autopilot's velocity loop.
     pub setpoint: Setpoint,
     /// Frames for the control center.
     pub uplink: Vec<Frame, MAX_FRAMES_PER_STEP>,
     /// Frames for the fleet mates.
-    pub peer: Vec<Frame, MAX_FRAMES_PER_STEP>,
+    pub peer: Vec<Frame, MAX_PEER_FRAMES_PER_STEP>,
     /// SRS occasions to listen to.
     pub srs_gates: Vec<SrsGate, MAX_GATES_PER_STEP>,
 }
 
+impl Default for Outputs {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Outputs {
+    /// Nothing is wanted.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { setpoint: Setpoint::REST, uplink: Vec::new(), peer: Vec::new(), srs_gates: Vec::new() }
+    }
+
     /// Forgets everything, keeping the memory.
     pub fn clear(&mut self) {
         self.setpoint = Setpoint::default();
@@ -97,6 +131,11 @@ pub struct Setpoint {
     pub vel_enu_mps: Vec3,
     /// Acceleration known ahead (corners, braking), metres a second squared.
     pub accel_enu_mps2: Vec3,
+}
+
+impl Setpoint {
+    /// Motors off.
+    pub const REST: Self = Self { motors: false, vel_enu_mps: ZERO, accel_enu_mps2: ZERO };
 }
 
 /// An SRS occasion to listen to.

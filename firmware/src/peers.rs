@@ -1,6 +1,11 @@
 //! What the drone knows of its neighbours: the last shared state of each, aged.
 
-use crate::{Vec3, avoid::pca::Mover, counters::Counters};
+use crate::{
+    Vec3,
+    avoid::pca::Mover,
+    counters::Counters,
+    scalar::{greater, lesser},
+};
 use heapless::Vec;
 use skyroost_protocol::{
     message::PeerState,
@@ -44,8 +49,8 @@ impl Peer {
     /// Declared error radius, grown by silence.
     #[must_use]
     pub fn error_radius_m(&self, now: TimePs) -> f32 {
-        let silent_s = now.since(self.time).since(FRESH).as_secs_f32().max(0.0);
-        self.error_radius_m + (SILENCE_GROWTH_MPS * silent_s).min(SILENCE_LIMIT_M)
+        let silent_s = greater(now.since(self.time).since(FRESH).as_secs_f32(), 0.0);
+        self.error_radius_m + lesser(SILENCE_GROWTH_MPS * silent_s, SILENCE_LIMIT_M)
     }
 }
 
@@ -56,6 +61,17 @@ pub struct PeerTable {
 }
 
 impl PeerTable {
+    /// Nobody heard of.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { peers: Vec::new() }
+    }
+
+    /// Forgets everybody.
+    pub fn clear(&mut self) {
+        self.peers.clear();
+    }
+
     /// Takes in a relayed state; an older one than known is ignored. A full table gives up the
     /// neighbour heard longest ago.
     pub fn update(&mut self, relayed: &PeerState, counters: &mut Counters) {

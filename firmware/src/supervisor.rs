@@ -84,6 +84,12 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
+    /// Nothing wrong so far.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { conditions: 0 }
+    }
+
     /// Conditions in force, one bit each.
     #[must_use]
     pub fn conditions(&self) -> u16 {

@@ -4,6 +4,7 @@
 //! of a few runs counts, as everything else that a machine does only ever makes a run slower.
 
 use skyroost_host_sim::{
+    fleet::Backend,
     geometry::{V2, polygon::Polygon},
     runner::{MissionArea, MissionInput, Outcome, RunOptions, fly},
     scenario::LoadedScenario,
@@ -21,7 +22,7 @@ fn main() {
         users: None,
     };
     let cancel = AtomicBool::new(false);
-    let options = RunOptions { threads: 1, cancel: &cancel, progress: &|_| {} };
+    let options = RunOptions { threads: 1, backend: Backend::InProc, cancel: &cancel, progress: &|_| {} };
     let mut best: Option<Outcome> = None;
     for run in 1..=RUNS {
         let outcome = fly(&input, &options).expect("the default mission flies");

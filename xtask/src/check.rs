@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 use std::{fmt, io};
 
-use crate::firmware::{self, BOARDS};
+use crate::firmware::{self, BOARDS, Board};
 use crate::process::{self, Failure, Outcome, cargo, target_dir};
 use crate::setup;
 
@@ -17,10 +17,11 @@ Runs every check in this order and stops at the first that fails:
   setup    what the checks need is there, or gets installed
   format   cargo fmt --check
   lint     clippy on the host, warnings denied
+  cross    the flight code and every board's image: clippy, build, flash, RAM and stack within
+           firmware/budgets.toml, no panic, allocation or recursion in a step
   build    the optimised `skyroost` that whole missions are flown with
   test     unit, property, documentation and mission tests
   doc      documentation, warnings denied
-  cross    the flight code and every board's image: clippy, build, flash and RAM
 ";
 
 /// A check: its name in [`HELP`], and what it does. It may add to the count of tests.
@@ -30,12 +31,12 @@ const STEPS: [Step; 7] = [
     ("setup", |_| setup::ensure(&setup::ALL)),
     ("format", |_| process::run(cargo("fmt").args(["--all", "--check"]))),
     ("lint", |_| process::run(cargo("clippy").args(HOST).args(["--all-targets", "--", "-D", "warnings"]))),
+    ("cross", |_| cross()), // before the tests, which fly missions on the emulated image
     ("build", |_| {
         process::run(cargo("build").args(["--locked", "--release", "--package=skyroost-host-sim"]))
     }),
     ("test", test),
     ("doc", |_| process::run(cargo("doc").args(HOST).arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))),
-    ("cross", |_| cross()),
 ];
 
 /// Everything that runs on the host, with the versions in Cargo.lock.
@@ -71,6 +72,7 @@ fn test(count: &mut TestCount) -> Outcome {
     let binary = target_dir().join("release").join("skyroost");
     let mut command = cargo("test");
     command.args(HOST).arg("--no-fail-fast").env("SKYROOST_BIN", binary);
+    command.env("SKYROOST_BOARD_IMAGE", firmware::EMULATED.image());
     eprintln!("$ {}", process::shown(&command));
     let mut child = command.stdout(Stdio::piped()).spawn().map_err(process::not_started(&command))?;
     let lines = child.stdout.take().map(BufReader::new);
@@ -89,7 +91,8 @@ fn test(count: &mut TestCount) -> Outcome {
     Ok(())
 }
 
-/// Lints and builds the flight code for its processor, bare and as every board's image.
+/// Lints and builds the flight code for its processor, bare and as every board's image, and looks
+/// whether the images are fit to fly: all of them, also where one is not.
 fn cross() -> Outcome {
     let toolchain = firmware::toolchain()?;
     let lint = |command: &mut Command| process::run(command.args(["--", "-D", "warnings"]));
@@ -98,12 +101,13 @@ fn cross() -> Outcome {
         "--package=skyroost-firmware",
         "--lib",
     ]))?;
-    for board in &BOARDS {
+    let check = |board: &Board| {
         lint(toolchain.cargo("clippy").args(board.cargo_args()))?;
-        let path = board.build(toolchain)?;
-        println!("{}\n{}", board.name, board.usage(&path)?);
-    }
-    Ok(())
+        board.check(&board.build(toolchain)?, Vec::new())
+    };
+    let outcomes = BOARDS.iter().map(check);
+    let faults: Vec<String> = outcomes.filter_map(|outcome| Some(outcome.err()?.to_string())).collect();
+    if faults.is_empty() { Ok(()) } else { Err(Failure::Failed(faults.join("\n"))) }
 }
 
 /// How many tests have been run, by what libtest says of each program.

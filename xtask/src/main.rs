@@ -3,10 +3,12 @@
 //! Plain Rust without dependencies, so that it builds in seconds on a machine that has nothing yet.
 
 mod bench;
+mod budget;
 mod check;
 mod firmware;
 mod image;
 mod process;
+mod proof;
 mod setup;
 mod toolchain;
 

@@ -31,14 +31,18 @@ impl FlightAgent {
                 if phase == Sweep {
                     return AckStatus::WrongPhase;
                 }
-                if self.upload.begin(header) { AckStatus::Accepted } else { AckStatus::OutOfRange }
+                if self.upload.begin(header, &mut self.lanes) {
+                    AckStatus::Accepted
+                } else {
+                    AckStatus::OutOfRange
+                }
             }
             Command::UploadCommit { mission, lanes_crc } => {
                 if phase == Sweep {
                     return AckStatus::WrongPhase;
                 }
-                match self.upload.complete(*mission, *lanes_crc) {
-                    Ok((header, lanes)) => match Mission::new(self.config.id, &header, lanes) {
+                match self.upload.complete(*mission, *lanes_crc, &mut self.lanes) {
+                    Ok(header) => match Mission::new(self.config.id, &header, &mut self.lanes) {
                         Some(ready) => {
                             self.mission = Some(ready);
                             AckStatus::Accepted
@@ -58,7 +62,7 @@ impl FlightAgent {
                 AckStatus::Accepted
             }
             Command::StartSweep { at } => match (&self.mission, phase) {
-                (Some(mission), Hold) if !mission.lanes.is_empty() => {
+                (Some(_), Hold) if !self.lanes.is_empty() => {
                     self.flight.start_sweep(*at);
                     AckStatus::Accepted
                 }

@@ -1,7 +1,7 @@
 //! Phases of the flight and the velocity each of them wants.
 
 use crate::{
-    Vec3,
+    Vec3, ZERO,
     config::FlightLimits,
     guidance::{Reference, formation::Slot, goto, lanes::Lanes, limited, track, zigzag::Zigzag},
     io::NavFix,
@@ -30,7 +30,6 @@ pub(super) struct Mission {
     pub(super) header: MissionHeader,
     /// The fleet by slot; none for a reserve.
     pub(super) mates: Option<[DroneId; 3]>,
-    pub(super) lanes: Lanes,
     pub(super) d_safe_m: f32,
     slot: Slot,
     altitude_m: f32,
@@ -39,8 +38,8 @@ pub(super) struct Mission {
 }
 
 impl Mission {
-    /// Checks an upload; none when it is not for drone `me` or cannot be flown.
-    pub(super) fn new(me: DroneId, header: &MissionHeader, lanes_mm: &[[i32; 2]]) -> Option<Self> {
+    /// Checks an upload and lays its lanes; none when it is not for drone `me` or cannot be flown.
+    pub(super) fn new(me: DroneId, header: &MissionHeader, lanes: &mut Lanes) -> Option<Self> {
         let spacing_m = header.spacing_mm as f32 * 1e-3;
         let speed_mps = m_from_mm(i32::from(header.speed_mmps));
         if header.fleet.is_some() && header.mates.get(usize::from(header.slot)) != Some(&me) {
@@ -50,16 +49,13 @@ impl Mission {
             Heading::Fixed => f32::INFINITY,
             Heading::AlongTrack => SLOT_TURN_MPS / (spacing_m * INV_SQRT_3),
         };
-        let lanes = if header.fleet.is_some() {
-            Lanes::new(lanes_mm, speed_mps, max_turn_radps).ok()?
-        } else {
-            Lanes::default()
-        };
+        if header.fleet.is_some() {
+            lanes.lay(speed_mps, max_turn_radps).ok()?;
+        }
         let orientation_rad = f32::from(header.orientation_mrad) * 1e-3;
         Some(Self {
             header: *header,
             mates: header.fleet.map(|_| header.mates),
-            lanes,
             d_safe_m: m_from_mm(i32::from(header.d_safe_mm)),
             slot: Slot::new(header.slot, spacing_m, orientation_rad, header.heading),
             altitude_m: header.altitude_mm as f32 * 1e-3,
@@ -70,33 +66,20 @@ impl Mission {
 }
 
 /// What the drone is doing.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Mode {
-    #[default]
     Grounded,
-    TakeOff {
-        above_m: Vec3,
-    },
-    Hold {
-        at_m: Vec3,
-    },
-    Sweep {
-        start: TimePs,
-    },
-    GoTo {
-        goal_m: Vec3,
-    },
-    Serve {
-        goal_m: Vec3,
-    },
+    TakeOff { above_m: Vec3 },
+    Hold { at_m: Vec3 },
+    Sweep { start: TimePs },
+    GoTo { goal_m: Vec3 },
+    Serve { goal_m: Vec3 },
     ReturnHome,
-    Landing {
-        at_m: Option<Vec3>,
-    },
+    Landing { at_m: Option<Vec3> },
 }
 
 /// The flight in progress.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Flight {
     mode: Mode,
     pub(super) zigzag: Zigzag,
@@ -110,6 +93,18 @@ pub(super) struct Flight {
 }
 
 impl Flight {
+    /// On the ground.
+    pub(super) const fn new() -> Self {
+        Self {
+            mode: Mode::Grounded,
+            zigzag: Zigzag::new(),
+            track_error_m: 0.0,
+            held_at_m: None,
+            last_wanted: ZERO,
+            events: Vec::new(),
+        }
+    }
+
     pub(super) fn phase(&self) -> FlightPhase {
         match self.mode {
             Mode::Grounded => FlightPhase::Grounded,
@@ -138,7 +133,7 @@ impl Flight {
     }
 
     pub(super) fn start_sweep(&mut self, start: TimePs) {
-        self.zigzag = Zigzag::default();
+        self.zigzag = Zigzag::new();
         self.enter(Mode::Sweep { start });
     }
 
@@ -173,12 +168,13 @@ impl Flight {
         now: TimePs,
         nav: &NavFix,
         mission: Option<&Mission>,
+        lanes: &Lanes,
         limits: &FlightLimits,
         action: Action,
     ) -> (Vec3, Vec3) {
         self.submit(nav, action);
         let (wanted, accel) = match (self.held_at_m, mission) {
-            (None, Some(mission)) => self.by_mode(now, nav, mission, limits),
+            (None, Some(mission)) => self.by_mode(now, nav, mission, lanes, limits),
             (Some(at_m), _) => (
                 goto::velocity(&nav.pos_enu_m, &at_m, limits.max_speed_mps, limits.max_vertical_mps),
                 Vec3::zeros(),
@@ -215,6 +211,7 @@ impl Flight {
         now: TimePs,
         nav: &NavFix,
         mission: &Mission,
+        lanes: &Lanes,
         limits: &FlightLimits,
     ) -> (Vec3, Vec3) {
         let pos_m = &nav.pos_enu_m;
@@ -233,7 +230,7 @@ impl Flight {
                 self.track_error_m = (at_m - pos_m).norm();
                 still(fly(&at_m))
             }
-            Mode::Sweep { start } => self.sweep(now, nav, mission, start),
+            Mode::Sweep { start } => self.sweep(now, nav, mission, lanes, start),
             Mode::GoTo { goal_m } | Mode::Serve { goal_m } => {
                 self.track_error_m = (goal_m - pos_m).norm();
                 if matches!(self.mode, Mode::GoTo { .. }) && goto::arrived(pos_m, &nav.vel_enu_mps, &goal_m) {
@@ -263,11 +260,18 @@ impl Flight {
         }
     }
 
-    fn sweep(&mut self, now: TimePs, nav: &NavFix, mission: &Mission, start: TimePs) -> (Vec3, Vec3) {
+    fn sweep(
+        &mut self,
+        now: TimePs,
+        nav: &NavFix,
+        mission: &Mission,
+        lanes: &Lanes,
+        start: TimePs,
+    ) -> (Vec3, Vec3) {
         let point = if now < start {
-            mission.lanes.at(0, 0)
+            self.zigzag.look_up(lanes)
         } else {
-            self.zigzag.advance(now, &mission.lanes, self.track_error_m)
+            self.zigzag.advance(now, lanes, self.track_error_m)
         };
         let Some(point) = point else { return (Vec3::zeros(), Vec3::zeros()) };
         let reference: Reference = mission.slot.reference(
@@ -277,7 +281,7 @@ impl Flight {
             mission.altitude_m,
         );
         self.track_error_m = (reference.pos_enu_m - nav.pos_enu_m).norm();
-        if self.zigzag.done(&mission.lanes) {
+        if self.zigzag.done(lanes) {
             self.enter(Mode::Hold { at_m: reference.pos_enu_m });
             self.report(EventCode::SweepDone, now.since(start).as_secs_f32() as u32);
         }

@@ -11,9 +11,10 @@ use crate::{
     avoid::{self, Separation, pca::Mover},
     config::AgentConfig,
     counters::Counters,
-    guidance::limited,
+    guidance::{lanes::Lanes, limited},
     io::{Inputs, NavFix, Outputs, Setpoint},
     peers::PeerTable,
+    scalar::within,
     srs::Srs,
     supervisor::{Action, Health, Supervisor},
 };
@@ -22,6 +23,13 @@ use receive::Links;
 use skyroost_protocol::{message::FlightPhase, units::TimePs};
 use transmit::Transmitter;
 use upload::Upload;
+
+// A board holds one of each in static memory, of 48 KiB that the whole image may take.
+#[cfg(target_pointer_width = "32")]
+const _: () = assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024);
+
+/// The charge that is assumed until the first step says otherwise, per mille.
+const FULL_PERMILLE: u16 = 1000;
 
 /// One drone's flight code.
 ///
@@ -41,6 +49,8 @@ pub struct FlightAgent {
     links: Links,
     upload: Upload,
     mission: Option<Mission>,
+    /// Those of the upload until it is committed, of the mission from then on.
+    lanes: Lanes,
     flight: Flight,
     peers: PeerTable,
     srs: Srs,
@@ -55,21 +65,56 @@ pub struct FlightAgent {
 impl FlightAgent {
     /// An agent on the ground that has heard nothing yet.
     #[must_use]
-    pub fn new(config: AgentConfig) -> Self {
+    pub const fn new(config: AgentConfig) -> Self {
         Self {
             config,
-            links: Links::default(),
-            upload: Upload::default(),
+            links: Links::new(),
+            upload: Upload::new(),
             mission: None,
-            flight: Flight::default(),
-            peers: PeerTable::default(),
+            lanes: Lanes::empty(),
+            flight: Flight::new(),
+            peers: PeerTable::new(),
             srs: Srs::new(config.capture_rate),
-            supervisor: Supervisor::default(),
+            supervisor: Supervisor::new(),
             transmitter: Transmitter::new(config.id, config.boot_epoch),
-            counters: Counters::default(),
+            counters: Counters::new(),
             nav: None,
-            battery_permille: 1000,
+            battery_permille: FULL_PERMILLE,
         }
+    }
+
+    /// Makes this agent the one that [`new`](Self::new) would give, in its place: there is no room for a second
+    /// one on a board's stack.
+    pub fn restart(&mut self, config: AgentConfig) {
+        // Taken apart, so that no part can be forgotten.
+        let Self {
+            config: own,
+            links,
+            upload,
+            mission,
+            lanes,
+            flight,
+            peers,
+            srs,
+            supervisor,
+            transmitter,
+            counters,
+            nav,
+            battery_permille,
+        } = self;
+        *own = config;
+        *links = Links::new();
+        *upload = Upload::new();
+        *mission = None;
+        lanes.clear();
+        *flight = Flight::new();
+        peers.clear();
+        srs.restart(config.capture_rate);
+        *supervisor = Supervisor::new();
+        *transmitter = Transmitter::new(config.id, config.boot_epoch);
+        *counters = Counters::new();
+        *nav = None;
+        *battery_permille = FULL_PERMILLE;
     }
 
     /// One step, [`STEP_HZ`](crate::STEP_HZ) times a second: takes `inputs`, fills `outputs` (which the
@@ -80,7 +125,7 @@ impl FlightAgent {
         outputs.setpoint = match fix {
             Some(nav) if self.flight.airborne() => self.command(now, &nav, outputs),
             // Blind: the autopilot holds its attitude at zero velocity until the solution returns.
-            _ => Setpoint { motors: self.flight.airborne(), ..Setpoint::default() },
+            _ => Setpoint { motors: self.flight.airborne(), ..Setpoint::REST },
         };
         self.transmit(now, outputs);
     }
@@ -125,7 +170,8 @@ impl FlightAgent {
     fn command(&mut self, now: TimePs, nav: &NavFix, outputs: &mut Outputs) -> Setpoint {
         let action = self.supervise(now, outputs);
         let limits = &self.config.limits;
-        let (wanted, accel) = self.flight.wanted(now, nav, self.mission.as_ref(), limits, action);
+        let mission = self.mission.as_ref();
+        let (wanted, accel) = self.flight.wanted(now, nav, mission, &self.lanes, limits, action);
         let separation = Separation {
             d_safe_m: self.mission.as_ref().map_or(0.0, |m| m.d_safe_m),
             own_error_m: nav.error_radius_m,
@@ -134,7 +180,7 @@ impl FlightAgent {
         let own = Mover { pos_enu_m: nav.pos_enu_m, vel_enu_mps: nav.vel_enu_mps };
         let avoided = avoid::avoid(now, &own, wanted, &self.peers, &separation);
         let mut vel = limited(avoided.vel_enu_mps, limits.max_speed_mps);
-        vel.z = vel.z.clamp(-limits.max_vertical_mps, limits.max_vertical_mps);
+        vel.z = within(vel.z, -limits.max_vertical_mps, limits.max_vertical_mps);
         let accel_enu_mps2 = if avoided.active { Vec3::zeros() } else { accel };
         let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
         self.flight.drain_events(|code, value| transmitter.event(now, code, value, outputs, counters));

@@ -13,7 +13,7 @@ use skyroost_protocol::{
 };
 
 /// What is known of the links.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Links {
     control: Receiver,
     /// One for each fleet mate, by position in the mission's list of mates.
@@ -27,6 +27,17 @@ pub(super) struct Links {
 }
 
 impl Links {
+    /// Nothing heard.
+    pub(super) const fn new() -> Self {
+        Self {
+            control: Receiver::new(),
+            mates: [const { Receiver::new() }; 3],
+            control_heard: TimePs(0),
+            welcomed: false,
+            last_command: None,
+        }
+    }
+
     /// Frames that the control center sent and that never arrived.
     pub(super) fn frames_lost(&self) -> u32 {
         self.control.counters().lost
@@ -74,7 +85,7 @@ impl FlightAgent {
             Down::Welcome { .. } => self.links.welcomed = true,
             Down::Heartbeat => {}
             Down::Command { id, command } => self.obey(*id, command, outputs),
-            Down::LanePiece(piece) => self.upload.piece(piece, &mut self.counters),
+            Down::LanePiece(piece) => self.upload.piece(piece, &mut self.lanes, &mut self.counters),
             Down::SrsRequest(request) => self.srs.announce(now, request, &mut self.counters),
             Down::Peers(states) => {
                 for state in states.iter().filter(|s| s.drone != self.config.id) {

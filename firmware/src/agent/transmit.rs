@@ -29,7 +29,7 @@ pub(super) struct Transmitter {
 }
 
 impl Transmitter {
-    pub(super) fn new(id: DroneId, boot_epoch: u16) -> Self {
+    pub(super) const fn new(id: DroneId, boot_epoch: u16) -> Self {
         Self {
             uplink: Sender::new(id, boot_epoch),
             peer: Sender::new(id, boot_epoch),

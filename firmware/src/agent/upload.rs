@@ -1,7 +1,9 @@
 //! Assembly of a mission upload from pieces that may come in any order, twice, or not at all.
+//!
+//! The lanes are assembled in the place where they will be flown from: a mission that is announced takes
+//! the room of the one before, which can then not be swept any more.
 
-use crate::counters::Counters;
-use heapless::Vec;
+use crate::{counters::Counters, guidance::lanes::Lanes};
 use skyroost_protocol::{
     message::{LanePiece, MAX_WAYPOINTS, MissionHeader, lanes_crc as checksum},
     units::MissionId,
@@ -11,10 +13,9 @@ use skyroost_protocol::{
 const MAP_WORDS: usize = MAX_WAYPOINTS.div_ceil(32);
 
 /// An upload in progress.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Upload {
     header: Option<MissionHeader>,
-    waypoints_mm: Vec<[i32; 2], MAX_WAYPOINTS>,
     arrived: [u32; MAP_WORDS],
 }
 
@@ -30,30 +31,31 @@ pub(super) enum Incomplete {
 }
 
 impl Upload {
-    /// Announces a mission. The same one again keeps the pieces that have arrived.
-    pub(super) fn begin(&mut self, header: &MissionHeader) -> bool {
+    /// Nothing announced.
+    pub(super) const fn new() -> Self {
+        Self { header: None, arrived: [0; MAP_WORDS] }
+    }
+
+    /// Announces a mission; false when it is too long. The same one again keeps the pieces that have
+    /// arrived.
+    pub(super) fn begin(&mut self, header: &MissionHeader, lanes: &mut Lanes) -> bool {
         let count = usize::from(header.waypoints);
-        if self.header.as_ref() != Some(header) {
-            self.header = Some(*header);
-            self.arrived = [0; MAP_WORDS];
-            self.waypoints_mm.clear();
+        if self.header.as_ref() == Some(header) {
+            return lanes.waypoints_mm().len() == count;
         }
-        self.waypoints_mm.resize_default(count).is_ok()
+        self.header = Some(*header);
+        self.arrived = [0; MAP_WORDS];
+        lanes.open(count).is_ok()
     }
 
     /// Takes in a piece; one that does not belong to the announced mission is counted.
-    pub(super) fn piece(&mut self, piece: &LanePiece, counters: &mut Counters) {
+    pub(super) fn piece(&mut self, piece: &LanePiece, lanes: &mut Lanes, counters: &mut Counters) {
         let first = usize::from(piece.first);
-        let room = self
-            .waypoints_mm
-            .get_mut(first..)
-            .and_then(|rest| rest.get_mut(..piece.waypoints_mm.len()))
-            .filter(|_| self.header.is_some_and(|h| h.mission == piece.mission));
-        let Some(room) = room else {
+        let announced = self.header.is_some_and(|h| h.mission == piece.mission);
+        if !(announced && lanes.write(first, &piece.waypoints_mm)) {
             Counters::count(&mut counters.lanes_refused);
             return;
-        };
-        room.copy_from_slice(&piece.waypoints_mm);
+        }
         for index in first..first + piece.waypoints_mm.len() {
             if let Some(word) = self.arrived.get_mut(index >> 5) {
                 *word |= 1 << (index & 31);
@@ -61,23 +63,25 @@ impl Upload {
         }
     }
 
-    /// The announced mission and its lanes, once all have arrived.
+    /// The announced mission, once all of its lanes have arrived.
     pub(super) fn complete(
         &mut self,
         mission: MissionId,
         lanes_crc: u32,
-    ) -> Result<(MissionHeader, &[[i32; 2]]), Incomplete> {
+        lanes: &mut Lanes,
+    ) -> Result<MissionHeader, Incomplete> {
         let header = self.header.filter(|h| h.mission == mission).ok_or(Incomplete::Unknown)?;
-        for index in 0..self.waypoints_mm.len() {
+        for index in 0..lanes.waypoints_mm().len() {
             let there = self.arrived.get(index >> 5).is_some_and(|word| word >> (index & 31) & 1 == 1);
             if !there {
                 return Err(Incomplete::Missing(index as u16));
             }
         }
-        if checksum(&self.waypoints_mm) != lanes_crc {
+        if checksum(lanes.waypoints_mm()) != lanes_crc {
             self.arrived = [0; MAP_WORDS];
+            lanes.reopen();
             return Err(Incomplete::Checksum);
         }
-        Ok((header, &self.waypoints_mm))
+        Ok(header)
     }
 }

@@ -7,7 +7,7 @@
 //! dual), so that rows that contradict each other still get the best compromise, and the number of
 //! sweeps is fixed, so that the time is.
 
-use crate::Vec3;
+use crate::{Vec3, scalar::greater};
 
 /// Most rows: two for each of 32 neighbours.
 pub const MAX_ROWS: usize = 64;
@@ -41,7 +41,7 @@ pub fn nearest(wanted: Vec3, rows: &[HalfPlane]) -> Vec3 {
     for _ in 0..SWEEPS {
         for (row, weight) in rows.iter().zip(&mut weights) {
             let short = row.at_least - row.normal.dot(&v) - SOFTNESS * *weight;
-            let step = (short / (1.0 + SOFTNESS)).max(-*weight);
+            let step = greater(short / (1.0 + SOFTNESS), -*weight);
             *weight += step;
             v += row.normal * step;
         }
@@ -73,7 +73,7 @@ mod tests {
             prop_assume!(n.norm() > 0.1);
             let (wanted, row) = (Vec3::from(v), HalfPlane { normal: n.normalize(), at_least: b });
             let found = nearest(wanted, &[row]);
-            let expected = wanted + row.normal * (b - row.normal.dot(&wanted)).max(0.0);
+            let expected = wanted + row.normal * greater(b - row.normal.dot(&wanted), 0.0);
             prop_assert!((found - expected).norm() < 0.02 * (1.0 + b.abs() + wanted.norm()));
         }
 

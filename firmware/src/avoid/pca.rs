@@ -8,7 +8,7 @@
 //! same sign, which would change nothing), and their displacements add up to `d - |l_p|`.
 
 use super::halfplanes::HalfPlane;
-use crate::Vec3;
+use crate::{Vec3, scalar::within};
 
 /// Longest time ahead that a closest approach is planned for, seconds.
 const HORIZON_S: f32 = 8.0;
@@ -65,7 +65,7 @@ pub fn rows(a: &Mover, b: &Mover, d_plan_m: f32, mut emit: impl FnMut(HalfPlane)
     if tau_s <= 0.0 {
         return;
     }
-    let tau = tau_s.clamp(SOONEST_S, HORIZON_S);
+    let tau = within(tau_s, SOONEST_S, HORIZON_S);
     let c = a.vel_enu_mps - b.vel_enu_mps;
     let (normal, miss_m) = if tau_s > HORIZON_S {
         // Far ahead the pass vector is still all noise; part along the line of sight's true pass
@@ -85,7 +85,7 @@ pub fn rows(a: &Mover, b: &Mover, d_plan_m: f32, mut emit: impl FnMut(HalfPlane)
 fn share_of_a(a: &Mover, b: &Mover, tau_s: f32) -> f32 {
     let (speed_a, speed_b) = (a.vel_enu_mps.norm(), b.vel_enu_mps.norm());
     let share = (speed_b + 1.0) / (speed_a + speed_b + 2.0);
-    let urgency = ((ALONE_BELOW_S - tau_s) / ALONE_BELOW_S).clamp(0.0, 1.0);
+    let urgency = within((ALONE_BELOW_S - tau_s) / ALONE_BELOW_S, 0.0, 1.0);
     share + (1.0 - share) * urgency
 }
 
@@ -163,7 +163,7 @@ mod tests {
                 prop_assert!((x.normal + y.normal).norm() < 1e-3, "{:?} {:?}", x, y);
             }
             if let (Some(x), Some(y)) = (from_a.get(1), from_b.get(1)) {
-                let tau = approach(&a, &b).unwrap().tau_s.clamp(SOONEST_S, HORIZON_S);
+                let tau = within(approach(&a, &b).unwrap().tau_s, SOONEST_S, HORIZON_S);
                 let push = |row: &HalfPlane, v: &Vec3| row.at_least - row.normal.dot(v);
                 let moved_m = (push(x, &a.vel_enu_mps) + push(y, &b.vel_enu_mps)) * tau;
                 let miss_m = approach(&a, &b).unwrap().pass_m.norm();

@@ -230,7 +230,8 @@ impl From<WireCapture> for Capture {
 /// Board to host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum FromBoard {
-    /// The board is the drone asked for.
+    /// The board is the drone asked for; or it is nobody (id 0), as the host speaks another version of
+    /// the bus or of the radio.
     Ready {
         /// The image's [`BUS_VERSION`].
         bus_version: u16,
@@ -277,8 +278,6 @@ pub enum FromBoard {
 /// Why a message cannot be obeyed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// The host speaks another version of the bus or of the radio.
-    Version,
     /// A configuration that no drone can have.
     Config,
     /// A step before any [`ToBoard::Begin`].

@@ -14,7 +14,7 @@ use skyroost_protocol::{
     SCHEMA_HASH,
     codec::Frame,
     stream::{StreamDecoder, StreamFrame, encode_stream},
-    units::TimePs,
+    units::{DroneId, TimePs},
 };
 
 /// What the host asks of the board.
@@ -104,7 +104,7 @@ impl Lockstep {
         match message {
             ToBoard::Begin(begin) => {
                 if begin.bus_version != BUS_VERSION || begin.schema_hash != SCHEMA_HASH {
-                    return refuse(Refusal::Version);
+                    return Some(Ask::Say(ready(NOBODY)));
                 }
                 let Some(config) = begin.config.agent_config() else { return refuse(Refusal::Config) };
                 self.begun = Some(config);
@@ -169,8 +169,7 @@ impl Lockstep {
     /// The answer to [`Ask::Begin`].
     #[must_use]
     pub fn begun(&self) -> Option<FromBoard> {
-        let id = self.begun?.id;
-        Some(FromBoard::Ready { bus_version: BUS_VERSION, schema_hash: SCHEMA_HASH, id })
+        Some(ready(self.begun?.id))
     }
 
     /// The step asked for is done, at this cost.
@@ -211,6 +210,13 @@ impl Lockstep {
             stack_used,
         })
     }
+}
+
+/// The id of a board that is no drone.
+const NOBODY: DroneId = DroneId(0);
+
+const fn ready(id: DroneId) -> FromBoard {
+    FromBoard::Ready { bus_version: BUS_VERSION, schema_hash: SCHEMA_HASH, id }
 }
 
 /// The answer to a step as frames of the bus, made as they are needed: nothing but the outputs themselves

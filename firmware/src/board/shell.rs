@@ -69,12 +69,12 @@ impl Default for Shell {
 impl Shell {
     /// A board that is nobody yet.
     #[must_use]
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
             core: Mutex::new(Core {
                 agent: FlightAgent::new(AgentConfig::new(DroneId(1))),
-                inputs: Inputs::default(),
-                outputs: Outputs::default(),
+                inputs: Inputs::new(),
+                outputs: Outputs::new(),
                 radio: RadioIntake::new(),
             }),
             bus_in: Pipe::new(),
@@ -189,7 +189,7 @@ impl Shell {
 
 impl Core {
     pub(super) fn begin(&mut self, config: AgentConfig) {
-        self.agent = FlightAgent::new(config);
+        self.agent.restart(config);
         self.inputs.clear();
         self.outputs.clear();
         self.radio = RadioIntake::new();

@@ -1,7 +1,10 @@
 //! Flights to a goal and holding there.
 
 use super::limited;
-use crate::Vec3;
+use crate::{
+    Vec3,
+    scalar::{greater, lesser, within},
+};
 
 /// Braking towards the goal, metres a second squared: below what the airframe can do, as avoidance
 /// and wind want their share.
@@ -23,11 +26,11 @@ pub fn velocity(pos_enu_m: &Vec3, goal_enu_m: &Vec3, speed_mps: f32, vertical_mp
     let distance = horizontal.norm();
     let mut v = Vec3::zeros();
     if distance > 0.0 {
-        let braking = libm::sqrtf(2.0 * BRAKE_MPS2 * distance).min(NEAR_GAIN_PER_S * distance);
-        v = horizontal * (braking.min(speed_mps) / distance);
+        let braking = lesser(libm::sqrtf(2.0 * BRAKE_MPS2 * distance), NEAR_GAIN_PER_S * distance);
+        v = horizontal * (lesser(braking, speed_mps) / distance);
     }
-    v.z = (NEAR_GAIN_PER_S * way.z).clamp(-vertical_mps, vertical_mps);
-    limited(v, speed_mps.max(vertical_mps))
+    v.z = within(NEAR_GAIN_PER_S * way.z, -vertical_mps, vertical_mps);
+    limited(v, greater(speed_mps, vertical_mps))
 }
 
 /// Whether a goal is reached.

@@ -5,7 +5,10 @@
 //! leaves the corner at `r (1/cos(phi/2) - 1)`, begins `r tan(phi/2)` before it and allows
 //! `v = sqrt(a r)`. A backward pass over the corners makes sure that each can be braked for.
 
-use crate::Vec2;
+use crate::{
+    Vec2,
+    scalar::{greater, lesser},
+};
 use heapless::Vec;
 use skyroost_protocol::message::MAX_WAYPOINTS;
 
@@ -34,10 +37,7 @@ pub enum LanesError {
 }
 
 /// One waypoint with the fillet around it and the straight that follows.
-///
-/// Ways are kept in whole micrometres: adding 0.2 m steps to tens of kilometres in `f32` would lose a
-/// percent of the speed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Corner {
     at_m: Vec2,
     /// Unit vector of the straight that follows.
@@ -50,16 +50,36 @@ struct Corner {
     radius_m: f32,
     /// Angle turned, radians, left positive.
     turn_rad: f32,
-    /// Greatest speed through the fillet, metres a second.
-    speed_mps: f32,
-    /// Way along the track where the fillet begins, micrometres.
-    start_um: i64,
 }
 
 impl Corner {
+    /// The corner at `at_m` between its neighbours; there is nothing to turn at either end.
+    fn new(before_m: Option<Vec2>, at_m: Vec2, next_m: Option<Vec2>) -> Self {
+        let (along, leg_m) = next_m.map_or((Vec2::zeros(), 0.0), |next_m| leg(at_m, next_m));
+        let mut corner = Self { at_m, along, leg_m, tangent_m: 0.0, radius_m: f32::INFINITY, turn_rad: 0.0 };
+        if let (Some(before_m), true) = (before_m, leg_m > 0.0) {
+            let (before, before_leg_m) = leg(before_m, at_m);
+            // 0.49: neighbouring fillets never meet.
+            let room_m = 0.49 * lesser(before_leg_m, leg_m);
+            corner.turn_rad = libm::atan2f(before.perp(&along), before.dot(&along));
+            (corner.tangent_m, corner.radius_m) = fillet(corner.turn_rad, room_m);
+        }
+        corner
+    }
+
     /// Length of the fillet's arc, metres.
     fn arc_m(&self) -> f32 {
         if self.tangent_m > 0.0 { self.radius_m * libm::fabsf(self.turn_rad) } else { 0.0 }
+    }
+
+    /// Length of the straight that follows, up to the next fillet, metres.
+    fn straight_m(&self, next_tangent_m: f32) -> f32 {
+        greater(self.leg_m - self.tangent_m - next_tangent_m, 0.0)
+    }
+
+    /// Way along the track from this fillet's beginning to the next one's, micrometres.
+    fn way_um(&self, next_tangent_m: f32) -> i64 {
+        (self.arc_m() * UM_PER_M) as i64 + (self.straight_m(next_tangent_m) * UM_PER_M) as i64
     }
 }
 
@@ -76,57 +96,161 @@ pub struct TrackPoint {
     pub speed_limit_mps: f32,
 }
 
-/// Lanes ready to fly.
-#[derive(Clone, Debug, Default)]
+/// The leg of the track that was looked at last: a fillet and the straight that follows. Belongs to the
+/// lanes that it was used with.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cursor {
+    leg: Option<Leg>,
+}
+
+impl Cursor {
+    /// Nothing looked at yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { leg: None }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Leg {
+    /// Indices of the waypoints at both ends.
+    from_index: u16,
+    to_index: u16,
+    from: Corner,
+    to: Corner,
+    /// Way along the track where the leg's fillet begins and where that of the next one does, micrometres.
+    start_um: i64,
+    end_um: i64,
+}
+
+/// The lanes, and room to assemble them in.
+///
+/// Of each waypoint two things are kept: where it is, and how fast it may be passed, which depends on all
+/// that lies ahead. The rest is worked out for one leg at a time when it is entered. Ways are whole
+/// micrometres: adding 0.2 m steps to tens of kilometres in `f32` would lose a percent of the speed.
+#[derive(Clone, Debug)]
 pub struct Lanes {
-    corners: Vec<Corner, MAX_WAYPOINTS>,
+    /// As uploaded; repeated waypoints count once.
+    waypoints_mm: Vec<[i32; 2], MAX_WAYPOINTS>,
+    /// Greatest speed through the fillet at each waypoint, metres a second; of repeated ones at the first.
+    speeds_mps: [f32; MAX_WAYPOINTS],
     cruise_mps: f32,
     length_um: i64,
+    laid: bool,
+}
+
+impl Default for Lanes {
+    fn default() -> Self {
+        Self::empty()
+    }
 }
 
 impl Lanes {
-    /// Lays fillets and speeds over `waypoints_mm` (east and north). Repeated waypoints count once. The
-    /// track turns no faster than `max_turn_radps` (infinite where nothing turns with it).
+    /// No lanes.
+    #[must_use]
+    pub const fn empty() -> Self {
+        Self {
+            waypoints_mm: Vec::new(),
+            speeds_mps: [0.0; MAX_WAYPOINTS],
+            cruise_mps: 0.0,
+            length_um: 0,
+            laid: false,
+        }
+    }
+
+    /// Lanes over `waypoints_mm`, ready to fly; see [`lay`](Self::lay).
     ///
     /// # Errors
     /// When there is nothing to fly or no speed to fly it at.
     pub fn new(waypoints_mm: &[[i32; 2]], cruise_mps: f32, max_turn_radps: f32) -> Result<Self, LanesError> {
+        let mut lanes = Self::empty();
+        lanes.open(waypoints_mm.len())?;
+        lanes.write(0, waypoints_mm);
+        lanes.lay(cruise_mps, max_turn_radps)?;
+        Ok(lanes)
+    }
+
+    /// Gives up the lanes and all room for others.
+    pub fn clear(&mut self) {
+        self.laid = false;
+        self.waypoints_mm.clear();
+    }
+
+    /// Gives up the lanes there are and makes room for `waypoints` others.
+    ///
+    /// # Errors
+    /// [`LanesError::TooLong`]; there is then no room at all.
+    pub fn open(&mut self, waypoints: usize) -> Result<(), LanesError> {
+        self.clear();
+        self.waypoints_mm.resize_default(waypoints).map_err(|_| LanesError::TooLong)
+    }
+
+    /// Gives up the lanes there are but keeps their waypoints, to be written anew.
+    pub const fn reopen(&mut self) {
+        self.laid = false;
+    }
+
+    /// Puts a piece of the lanes in its place, `first` waypoints from their start; false where there is no
+    /// room for it. Lanes that are laid stay as they are.
+    pub fn write(&mut self, first: usize, piece_mm: &[[i32; 2]]) -> bool {
+        let room = self.waypoints_mm.get_mut(first..).and_then(|rest| rest.get_mut(..piece_mm.len()));
+        let Some(room) = room else { return false };
+        if !self.laid {
+            room.copy_from_slice(piece_mm);
+        }
+        true
+    }
+
+    /// All waypoints there is room for, east and north.
+    #[must_use]
+    pub fn waypoints_mm(&self) -> &[[i32; 2]] {
+        &self.waypoints_mm
+    }
+
+    /// Lays fillets and speeds over the waypoints and makes the lanes ready to fly. Repeated waypoints count
+    /// once. The track turns no faster than `max_turn_radps` (infinite where nothing turns with it).
+    ///
+    /// # Errors
+    /// When there is nothing to fly or no speed to fly it at.
+    pub fn lay(&mut self, cruise_mps: f32, max_turn_radps: f32) -> Result<(), LanesError> {
+        self.laid = false;
         if cruise_mps.is_nan() || cruise_mps <= 0.0 {
             return Err(LanesError::Speed);
         }
-        let mut lanes = Self { corners: Vec::new(), cruise_mps, length_um: 0 };
-        let mut previous: Option<[i32; 2]> = None;
-        for &[east_mm, north_mm] in waypoints_mm {
-            if previous == Some([east_mm, north_mm]) {
-                continue;
-            }
-            previous = Some([east_mm, north_mm]);
-            let corner = Corner {
-                at_m: Vec2::new(east_mm as f32 * 1e-3, north_mm as f32 * 1e-3),
-                along: Vec2::zeros(),
-                leg_m: 0.0,
-                tangent_m: 0.0,
-                radius_m: f32::INFINITY,
-                turn_rad: 0.0,
-                speed_mps: 0.0,
-                start_um: 0,
-            };
-            lanes.corners.push(corner).map_err(|_| LanesError::TooLong)?;
-        }
-        if lanes.corners.len() < 2 {
+        let first = self.waypoints_mm.first();
+        if self.waypoints_mm.iter().all(|other| Some(other) == first) {
             return Err(LanesError::TooShort);
         }
-        lanes.lay_legs();
-        lanes.lay_fillets(max_turn_radps);
-        lanes.limit_speeds();
-        lanes.measure();
-        Ok(lanes)
+        (self.cruise_mps, self.length_um) = (cruise_mps, 0);
+        // From the end back: no corner is passed faster than the next one can be braked for.
+        let (mut next_m, mut next_mps, mut next_tangent_m) = (None, 0.0f32, 0.0);
+        for index in (0..self.waypoints_mm.len()).rev() {
+            let Some((before_m, at_m)) = self.unless_repeated(index) else { continue };
+            let corner = Corner::new(before_m, at_m, next_m);
+            let braking_m = corner.straight_m(next_tangent_m);
+            let reachable = libm::sqrtf(next_mps * next_mps + 2.0 * ALONG_ACCEL_MPS2 * braking_m);
+            let speed_mps = if before_m.is_none() || corner.leg_m <= 0.0 || corner.leg_m.is_nan() {
+                0.0 // at both ends
+            } else if corner.radius_m.is_finite() {
+                let grip_mps = libm::sqrtf(LATERAL_ACCEL_MPS2 * corner.radius_m);
+                lesser(lesser(grip_mps, max_turn_radps * corner.radius_m), cruise_mps)
+            } else {
+                cruise_mps
+            };
+            self.length_um = self.length_um.saturating_add(corner.way_um(next_tangent_m));
+            (next_m, next_mps, next_tangent_m) = (Some(at_m), lesser(speed_mps, reachable), corner.tangent_m);
+            if let Some(speed) = self.speeds_mps.get_mut(index) {
+                *speed = next_mps;
+            }
+        }
+        self.laid = true;
+        Ok(())
     }
 
     /// Length of the track, micrometres: the phase at which everything is flown.
     #[must_use]
     pub fn length_um(&self) -> i64 {
-        self.length_um
+        if self.laid { self.length_um } else { 0 }
     }
 
     /// Cruise speed, metres a second.
@@ -135,114 +259,123 @@ impl Lanes {
         self.cruise_mps
     }
 
-    /// Number of waypoints kept.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.corners.len()
-    }
-
     /// Whether there is nothing to fly.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.corners.is_empty()
+        !self.laid
     }
 
-    fn lay_legs(&mut self) {
-        let mut next: Option<Vec2> = None;
-        for corner in self.corners.iter_mut().rev() {
-            if let Some(next_m) = next {
-                let leg = next_m - corner.at_m;
-                corner.leg_m = leg.norm();
-                corner.along = leg / corner.leg_m;
-            }
-            next = Some(corner.at_m);
-        }
-    }
-
-    fn lay_fillets(&mut self, max_turn_radps: f32) {
-        let mut before: Option<Corner> = None;
-        for corner in &mut self.corners {
-            if let (Some(before), true) = (before, corner.leg_m > 0.0) {
-                // 0.49: neighbouring fillets never meet.
-                let room_m = 0.49 * before.leg_m.min(corner.leg_m);
-                corner.turn_rad =
-                    libm::atan2f(before.along.perp(&corner.along), before.along.dot(&corner.along));
-                (corner.tangent_m, corner.radius_m) = fillet(corner.turn_rad, room_m);
-                corner.speed_mps = if corner.radius_m.is_finite() {
-                    libm::sqrtf(LATERAL_ACCEL_MPS2 * corner.radius_m)
-                        .min(max_turn_radps * corner.radius_m)
-                        .min(self.cruise_mps)
-                } else {
-                    self.cruise_mps
-                };
-            }
-            before = Some(*corner);
-        }
-    }
-
-    /// No corner faster than the next one can be braked for.
-    fn limit_speeds(&mut self) {
-        let mut ahead = (0.0f32, 0.0f32); // speed and tangent of the corner ahead
-        for corner in self.corners.iter_mut().rev() {
-            let straight_m = (corner.leg_m - corner.tangent_m - ahead.1).max(0.0);
-            let reachable = libm::sqrtf(ahead.0 * ahead.0 + 2.0 * ALONG_ACCEL_MPS2 * straight_m);
-            corner.speed_mps = corner.speed_mps.min(reachable);
-            ahead = (corner.speed_mps, corner.tangent_m);
-        }
-    }
-
-    /// Ways along the track: each corner's arc, then its straight.
-    fn measure(&mut self) {
-        let mut next_tangent_m = 0.0;
-        for corner in self.corners.iter_mut().rev() {
-            // Holds the straight for a moment; replaced by the running sum below.
-            corner.start_um = ((corner.leg_m - corner.tangent_m - next_tangent_m).max(0.0) * UM_PER_M) as i64;
-            next_tangent_m = corner.tangent_m;
-        }
-        let mut way_um = 0;
-        for corner in &mut self.corners {
-            let straight_um = corner.start_um;
-            corner.start_um = way_um;
-            way_um += (corner.arc_m() * UM_PER_M) as i64 + straight_um;
-        }
-        self.length_um = way_um;
-    }
-
-    /// Index of the leg that holds `phase_um`; `hint` is where to look first (the last answer).
+    /// The track at `phase_um`; none without lanes. `cursor` is where to look first, and in flight mostly
+    /// where it is.
     #[must_use]
-    pub fn leg_at(&self, phase_um: i64, hint: usize) -> usize {
-        let last = self.corners.len().saturating_sub(2);
-        let mut index = hint.min(last);
-        // At most the number of legs in either direction; in flight mostly none.
-        while index > 0 && self.corners.get(index).is_some_and(|c| c.start_um > phase_um) {
-            index -= 1;
+    pub fn at(&self, phase_um: i64, cursor: &mut Cursor) -> Option<TrackPoint> {
+        if !self.laid {
+            return None;
         }
-        while index < last && self.corners.get(index + 1).is_some_and(|c| c.start_um <= phase_um) {
-            index += 1;
+        let mut leg = match cursor.leg {
+            Some(leg) => leg,
+            None => self.first_leg()?,
+        };
+        // No more legs than waypoints in either direction.
+        for _ in 0..MAX_WAYPOINTS {
+            let neighbour = if phase_um < leg.start_um {
+                self.leg_before(&leg)
+            } else if phase_um >= leg.end_um {
+                self.leg_after(&leg)
+            } else {
+                None
+            };
+            let Some(neighbour) = neighbour else { break };
+            leg = neighbour;
         }
-        index
+        cursor.leg = Some(leg);
+        Some(self.on_leg(&leg, phase_um))
     }
 
-    /// The track at `phase_um` of leg `leg` (from [`leg_at`](Self::leg_at)); none without lanes.
-    #[must_use]
-    pub fn at(&self, phase_um: i64, leg: usize) -> Option<TrackPoint> {
-        let (from, to) = (self.corners.get(leg)?, self.corners.get(leg + 1)?);
-        let way_m = (phase_um - from.start_um).max(0) as f32 / UM_PER_M;
+    fn on_leg(&self, leg: &Leg, phase_um: i64) -> TrackPoint {
+        let (from, to) = (&leg.from, &leg.to);
+        let way_m = phase_um.saturating_sub(leg.start_um).max(0) as f32 / UM_PER_M;
         let arc_m = from.arc_m();
         if way_m < arc_m {
-            return Some(in_fillet(from, way_m / arc_m));
+            return in_fillet(from, self.speed_at(leg.from_index), way_m / arc_m);
         }
-        let straight_m = (from.leg_m - from.tangent_m - to.tangent_m).max(0.0);
-        let along_m = (way_m - arc_m).min(straight_m);
+        let straight_m = from.straight_m(to.tangent_m);
+        let along_m = lesser(way_m - arc_m, straight_m);
         let braking_m = straight_m - along_m;
-        let speed = libm::sqrtf(to.speed_mps * to.speed_mps + 2.0 * ALONG_ACCEL_MPS2 * braking_m);
-        Some(TrackPoint {
+        let to_mps = self.speed_at(leg.to_index);
+        let speed = libm::sqrtf(to_mps * to_mps + 2.0 * ALONG_ACCEL_MPS2 * braking_m);
+        TrackPoint {
             pos_m: from.at_m + from.along * (from.tangent_m + along_m),
             along: from.along,
             curvature_per_m: 0.0,
-            speed_limit_mps: speed.min(self.cruise_mps),
-        })
+            speed_limit_mps: lesser(speed, self.cruise_mps),
+        }
     }
+
+    fn first_leg(&self) -> Option<Leg> {
+        let to_index = self.index_after(0)?;
+        let (from, to) = (self.corner(0)?, self.corner(to_index)?);
+        Some(Leg { from_index: 0, to_index, from, to, start_um: 0, end_um: from.way_um(to.tangent_m) })
+    }
+
+    fn leg_after(&self, leg: &Leg) -> Option<Leg> {
+        let (from_index, from, start_um) = (leg.to_index, leg.to, leg.end_um);
+        let to_index = self.index_after(from_index)?;
+        let to = self.corner(to_index)?;
+        let end_um = start_um.saturating_add(from.way_um(to.tangent_m));
+        Some(Leg { from_index, to_index, from, to, start_um, end_um })
+    }
+
+    fn leg_before(&self, leg: &Leg) -> Option<Leg> {
+        let (to_index, to, end_um) = (leg.from_index, leg.from, leg.start_um);
+        let from_index = self.index_before(to_index)?;
+        let from = self.corner(from_index)?;
+        let start_um = end_um.saturating_sub(from.way_um(to.tangent_m));
+        Some(Leg { from_index, to_index, from, to, start_um, end_um })
+    }
+
+    /// The corner at a waypoint that does not repeat the one before.
+    fn corner(&self, index: u16) -> Option<Corner> {
+        let (before_m, at_m) = self.unless_repeated(usize::from(index))?;
+        let next = self.index_after(index).and_then(|next| self.waypoints_mm.get(usize::from(next)));
+        Some(Corner::new(before_m, at_m, next.copied().map(metres)))
+    }
+
+    /// The waypoint at `index` and the one before it; none where they are the same.
+    fn unless_repeated(&self, index: usize) -> Option<(Option<Vec2>, Vec2)> {
+        let at = self.waypoints_mm.get(index)?;
+        let before = index.checked_sub(1).and_then(|before| self.waypoints_mm.get(before));
+        (before != Some(at)).then(|| (before.copied().map(metres), metres(*at)))
+    }
+
+    /// Index of the next waypoint that is another one.
+    fn index_after(&self, index: u16) -> Option<u16> {
+        let mut rest = self.waypoints_mm.get(usize::from(index)..)?.iter();
+        let here = rest.next()?;
+        Some(index + 1 + rest.position(|other| other != here)? as u16)
+    }
+
+    /// Index of the waypoint before, the first of its repetitions.
+    fn index_before(&self, index: u16) -> Option<u16> {
+        let mut before = self.waypoints_mm.get(..usize::from(index))?.iter();
+        let last = before.next_back()?;
+        Some(before.rposition(|other| other != last).map_or(0, |other| other as u16 + 1))
+    }
+
+    fn speed_at(&self, index: u16) -> f32 {
+        self.speeds_mps.get(usize::from(index)).copied().unwrap_or_default()
+    }
+}
+
+fn metres(mm: [i32; 2]) -> Vec2 {
+    Vec2::from(mm.map(|mm| mm as f32 * 1e-3))
+}
+
+/// Direction and length of the way from one waypoint to another.
+fn leg(from_m: Vec2, to_m: Vec2) -> (Vec2, f32) {
+    let leg = to_m - from_m;
+    let leg_m = leg.norm();
+    (leg / leg_m, leg_m)
 }
 
 /// Tangent length and radius of the fillet for a turn, the tangent at most `room_m`.
@@ -256,12 +389,12 @@ fn fillet(turn_rad: f32, room_m: f32) -> (f32, f32) {
     }
     // deviation / (1/cos - 1) without the cancellation.
     let radius_m = CORNER_DEVIATION_M * cos_half * (1.0 + cos_half) / (sin_half * sin_half);
-    let radius_m = radius_m.min(WIDEST_FILLET_M).min(room_m * cos_half / sin_half);
+    let radius_m = lesser(lesser(radius_m, WIDEST_FILLET_M), room_m * cos_half / sin_half);
     (radius_m * sin_half / cos_half, radius_m)
 }
 
-/// The fillet around `corner`, `share` (0 to 1) of its arc flown.
-fn in_fillet(corner: &Corner, share: f32) -> TrackPoint {
+/// The fillet around `corner`, passed at `speed_mps`, `share` (0 to 1) of its arc flown.
+fn in_fillet(corner: &Corner, speed_mps: f32, share: f32) -> TrackPoint {
     let side = if corner.turn_rad < 0.0 { -1.0 } else { 1.0 };
     let heading_in = rotated(corner.along, -corner.turn_rad);
     let along = rotated(corner.along, corner.turn_rad * (share - 1.0));
@@ -271,7 +404,7 @@ fn in_fillet(corner: &Corner, share: f32) -> TrackPoint {
         pos_m: entry_m + to_centre(heading_in) - to_centre(along),
         along,
         curvature_per_m: side / corner.radius_m,
-        speed_limit_mps: corner.speed_mps,
+        speed_limit_mps: speed_mps,
     }
 }
 
@@ -293,11 +426,10 @@ mod tests {
 
     /// Flies the profile at 50 Hz and calls `visit` with every point and the speed there.
     fn fly(lanes: &Lanes, mut visit: impl FnMut(TrackPoint, f32)) {
-        let (mut phase_um, mut speed, mut leg) = (0i64, 0.0f32, 0);
+        let (mut phase_um, mut speed, mut cursor) = (0i64, 0.0f32, Cursor::default());
         for _ in 0..2_000_000 {
-            leg = lanes.leg_at(phase_um, leg);
-            let point = lanes.at(phase_um, leg).unwrap();
-            speed = point.speed_limit_mps.max(0.2).min(speed + ALONG_ACCEL_MPS2 * 0.02);
+            let point = lanes.at(phase_um, &mut cursor).unwrap();
+            speed = lesser(greater(point.speed_limit_mps, 0.2), speed + ALONG_ACCEL_MPS2 * 0.02);
             visit(point, speed);
             if phase_um >= lanes.length_um() {
                 return;
@@ -310,7 +442,7 @@ mod tests {
     #[test]
     fn corners_are_flown_within_their_deviation() {
         let mut nearest = f32::INFINITY;
-        fly(&corner_lanes(), |p, _| nearest = nearest.min((p.pos_m - Vec2::new(1000.0, 0.0)).norm()));
+        fly(&corner_lanes(), |p, _| nearest = lesser((p.pos_m - Vec2::new(1000.0, 0.0)).norm(), nearest));
         assert!((nearest - CORNER_DEVIATION_M).abs() < 0.05, "passes the corner at {nearest} m");
     }
 
@@ -332,7 +464,38 @@ mod tests {
         assert_eq!(Lanes::new(&many, 10.0, f32::INFINITY).unwrap_err(), LanesError::TooLong);
     }
 
+    #[test]
+    fn a_fleet_that_waits_at_the_end_stays_there() {
+        let (lanes, mut cursor) = (corner_lanes(), Cursor::new());
+        let end = lanes.at(lanes.length_um(), &mut cursor).unwrap();
+        assert!((end.pos_m - Vec2::new(0.0, 900.0)).norm() < 1e-3);
+        assert_eq!(lanes.at(i64::MAX, &mut cursor), Some(end));
+        let start = lanes.at(i64::MIN, &mut cursor).unwrap();
+        assert!(start.pos_m.norm() < 1e-3);
+    }
+
     proptest! {
+        /// Neither does it matter where the cursor comes from, nor whether waypoints stand there twice.
+        #[test]
+        fn the_track_is_one(
+            raw in prop::collection::vec(prop::array::uniform2(-300_000..300_000i32), 2..20),
+            twice in 0..3usize, shares in prop::collection::vec(0.0..1.0f64, 1..30),
+        ) {
+            prop_assume!(raw.windows(2).any(|w| w[0] != w[1]));
+            let repeated: std::vec::Vec<[i32; 2]> =
+                raw.iter().enumerate().flat_map(|(i, w)| [*w].repeat(if i % 2 == twice { 2 } else { 1 })).collect();
+            let lanes = Lanes::new(&raw, 10.0, 0.3).unwrap();
+            let same = Lanes::new(&repeated, 10.0, 0.3).unwrap();
+            prop_assert_eq!(lanes.length_um(), same.length_um());
+            let (mut cursor, mut other) = (Cursor::new(), Cursor::new());
+            for share in shares {
+                let phase_um = (share * lanes.length_um() as f64) as i64;
+                let here = lanes.at(phase_um, &mut cursor);
+                prop_assert_eq!(here, lanes.at(phase_um, &mut Cursor::new()));
+                prop_assert_eq!(here, same.at(phase_um, &mut other));
+            }
+        }
+
         /// Whatever the corners: the track is continuous, stays near the polyline's corners, and never
         /// asks for more acceleration across or along it than allowed.
         #[test]

@@ -4,8 +4,11 @@
 //! without a word. What they tell each other only mends differences: each leans towards the mean of
 //! the phases it hears, and all slow down together when one of them falls behind its slot.
 
-use super::lanes::{ALONG_ACCEL_MPS2, Lanes, TrackPoint};
-use crate::STEP_S;
+use super::lanes::{ALONG_ACCEL_MPS2, Cursor, Lanes, TrackPoint};
+use crate::{
+    STEP_S,
+    scalar::{greater, within},
+};
 use heapless::Vec;
 use skyroost_protocol::units::{DroneId, TimePs};
 
@@ -38,13 +41,26 @@ pub struct Zigzag {
     phase_um: i64,
     speed_mps: f32,
     accel_mps2: f32,
-    leg: usize,
+    cursor: Cursor,
     /// The track at `phase_um`, once it was looked up.
     here: Option<TrackPoint>,
     mates: Vec<MatePhase, 2>,
 }
 
 impl Zigzag {
+    /// At the start of the lanes, at rest.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            phase_um: 0,
+            speed_mps: 0.0,
+            accel_mps2: 0.0,
+            cursor: Cursor::new(),
+            here: None,
+            mates: Vec::new(),
+        }
+    }
+
     /// Way flown along the lanes, micrometres.
     #[must_use]
     pub fn phase_um(&self) -> i64 {
@@ -88,28 +104,28 @@ impl Zigzag {
             if age > MATE_FRESH {
                 continue;
             }
-            worst_error_m = worst_error_m.max(mate.error_m);
+            worst_error_m = greater(worst_error_m, mate.error_m);
             let moved_um = (mate.rate_mps * age.as_secs_f32() * 1e6) as i64;
             ahead_um += mate.phase_um + moved_um - self.phase_um;
             heard += 1;
         }
         let share = (STOP_ERROR_M - worst_error_m) / (STOP_ERROR_M - KEEP_SPEED_ERROR_M);
-        let profile = here.speed_limit_mps.max(CREEP_MPS) * share.clamp(0.0, 1.0);
+        let profile = greater(here.speed_limit_mps, CREEP_MPS) * within(share, 0.0, 1.0);
         // Mean over the fleet, this drone (difference zero) included.
         let lean = ahead_um as f32 * (1e-6 * CONSENSUS_GAIN_PER_S) / (heard + 1) as f32;
-        let wanted = (profile + lean.clamp(-CONSENSUS_LIMIT_MPS, CONSENSUS_LIMIT_MPS)).max(0.0);
+        let wanted = greater(profile + within(lean, -CONSENSUS_LIMIT_MPS, CONSENSUS_LIMIT_MPS), 0.0);
         let before = self.speed_mps;
         let most = ALONG_ACCEL_MPS2 * STEP_S;
         // Braking follows the profile even where it asks for a little more than accelerating may.
-        self.speed_mps = wanted.clamp((before - 2.0 * most).max(0.0), before + most);
+        self.speed_mps = within(wanted, greater(before - 2.0 * most, 0.0), before + most);
         self.accel_mps2 = (self.speed_mps - before) / STEP_S;
         self.phase_um = (self.phase_um + (self.speed_mps * (STEP_S * 1e6)) as i64).min(lanes.length_um());
         self.look_up(lanes)
     }
 
-    fn look_up(&mut self, lanes: &Lanes) -> Option<TrackPoint> {
-        self.leg = lanes.leg_at(self.phase_um, self.leg);
-        self.here = lanes.at(self.phase_um, self.leg);
+    /// The track where the phase stands. None without lanes.
+    pub fn look_up(&mut self, lanes: &Lanes) -> Option<TrackPoint> {
+        self.here = lanes.at(self.phase_um, &mut self.cursor);
         self.here
     }
 

@@ -1,6 +1,6 @@
 //! Ticks of the capture timer as time, exactly.
 
-use core::fmt;
+use core::{fmt, num::NonZeroU32};
 use skyroost_protocol::units::TimePs;
 
 const PS_PER_S: i64 = 1_000_000_000_000;
@@ -9,7 +9,7 @@ const MEGA: u64 = 1_000_000;
 
 /// Ticks a second of the capture timer; never zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TickRate(u32);
+pub struct TickRate(NonZeroU32);
 
 /// A tick rate of zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,13 +29,16 @@ impl TickRate {
     /// # Errors
     /// [`ZeroTickRate`] for 0.
     pub const fn new(hz: u32) -> Result<Self, ZeroTickRate> {
-        if hz == 0 { Err(ZeroTickRate) } else { Ok(Self(hz)) }
+        match NonZeroU32::new(hz) {
+            Some(hz) => Ok(Self(hz)),
+            None => Err(ZeroTickRate),
+        }
     }
 
     /// In hertz.
     #[must_use]
     pub const fn hz(self) -> u32 {
-        self.0
+        self.0.get()
     }
 
     /// Time of so many ticks, rounded down to the picosecond; saturates beyond ±106 days.
@@ -43,7 +46,7 @@ impl TickRate {
     /// Each call rounds once and none builds on another, so that nothing drifts.
     #[must_use]
     pub fn time_of(self, ticks: i64) -> TimePs {
-        let hz = self.0 as i64;
+        let hz = i64::from(self.hz());
         let whole_s = ticks.div_euclid(hz);
         // Long division by the rate in two steps of 10^6: ticks of less than a second, below 2^32, times
         // 10^12 would not fit 64 bits.
@@ -58,7 +61,7 @@ impl TickRate {
     /// Whole ticks in a time, rounded down.
     #[must_use]
     pub const fn ticks_in(self, time: TimePs) -> i64 {
-        let hz = self.0 as u64;
+        let hz = self.hz() as u64;
         let whole_s = time.0.div_euclid(PS_PER_S);
         let part_ps = time.0.rem_euclid(PS_PER_S) as u64;
         // The same two steps the other way; rounding down twice is rounding down once.

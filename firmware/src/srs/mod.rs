@@ -43,15 +43,26 @@ pub struct Srs {
 impl Srs {
     /// Nothing announced yet; `rate` is that of the capture timer.
     #[must_use]
-    pub fn new(rate: TickRate) -> Self {
+    pub const fn new(rate: TickRate) -> Self {
         Self {
             rate,
             extender: TickExtender::new(rate),
-            occasions: Occasions::default(),
+            occasions: Occasions::new(),
             pairing: Pairing::new(MATES_WITHIN),
             for_mates: Vec::new(),
             extend_due: TimePs(0),
         }
+    }
+
+    /// Forgets everything; `rate` is that of the capture timer.
+    pub fn restart(&mut self, rate: TickRate) {
+        let Self { rate: own, extender, occasions, pairing, for_mates, extend_due } = self;
+        *own = rate;
+        *extender = TickExtender::new(rate);
+        occasions.clear();
+        pairing.clear();
+        for_mates.clear();
+        *extend_due = TimePs(0);
     }
 
     /// The control center announces occasions.

@@ -39,6 +39,12 @@ pub struct PairingCounters {
     pub saturated: u32,
 }
 
+impl PairingCounters {
+    const fn new() -> Self {
+        Self { hits: 0, misses: 0, stale: 0, duplicates: 0, evicted: 0, saturated: 0 }
+    }
+}
+
 /// Pairs own captures with those of the fleet mates, in whatever order they come.
 ///
 /// An occasion is reported once both mates have captured it, or after `max_age` with the one mate that
@@ -57,28 +63,39 @@ struct Pending {
     occasion: OccasionId,
     /// When its first capture came.
     since: TimePs,
-    own: Option<OwnCapture>,
+    own: Option<Own>,
     /// By rising drone.
-    mates: Vec<(DroneId, CaptureEntry), MATES>,
+    mates: Vec<Mate, MATES>,
     reported: bool,
+}
+
+/// An [`OwnCapture`] but for its occasion.
+#[derive(Clone, Copy, Debug)]
+struct Own {
+    user: UserId,
+    time: TimePs,
+    pos: PosEnuMm,
+}
+
+/// A [`CaptureEntry`] but for its occasion, and whose it is.
+#[derive(Clone, Copy, Debug)]
+struct Mate {
+    drone: DroneId,
+    toa: TimePs,
+    pos: PosEnuMm,
 }
 
 impl Pairing {
     /// An empty table that waits for the last capture of an occasion until `max_age` after the first.
     #[must_use]
     pub const fn new(max_age: TimePs) -> Self {
-        Self {
-            pending: Vec::new(),
-            max_age,
-            counters: PairingCounters {
-                hits: 0,
-                misses: 0,
-                stale: 0,
-                duplicates: 0,
-                evicted: 0,
-                saturated: 0,
-            },
-        }
+        Self { pending: Vec::new(), max_age, counters: PairingCounters::new() }
+    }
+
+    /// Forgets everything, the counts included.
+    pub fn clear(&mut self) {
+        self.pending.clear();
+        self.counters = PairingCounters::new();
     }
 
     /// What became of the captures so far.
@@ -93,19 +110,21 @@ impl Pairing {
         if pending.own.is_some() {
             count(&mut self.counters.duplicates, 1);
         } else {
-            pending.own = Some(capture);
+            let OwnCapture { user, time, pos, .. } = capture;
+            pending.own = Some(Own { user, time, pos });
         }
     }
 
     /// Takes a capture of a fleet mate.
     pub fn mate(&mut self, now: TimePs, drone: DroneId, capture: &CaptureEntry) {
         let Some(pending) = self.entry(now, capture.occasion) else { return };
-        let known = pending.mates.iter().any(|(mate, _)| *mate == drone);
-        if known || pending.mates.push((drone, *capture)).is_err() {
+        let known = pending.mates.iter().any(|mate| mate.drone == drone);
+        let mate = Mate { drone, toa: capture.toa, pos: capture.pos };
+        if known || pending.mates.push(mate).is_err() {
             count(&mut self.counters.duplicates, 1);
             return;
         }
-        pending.mates.sort_unstable_by_key(|(mate, _)| *mate);
+        pending.mates.sort_unstable_by_key(|mate| mate.drone);
     }
 
     /// Hands over every occasion that is complete or due, oldest first.
@@ -180,15 +199,15 @@ impl Pending {
         count(&mut counters.hits, formed);
         count(&mut counters.misses, MATES as u32 - formed);
         let mut mates = Vec::new();
-        for (drone, capture) in &self.mates {
-            let (tdoa, flags) = difference(capture.toa, own.time);
+        for mate in &self.mates {
+            let (tdoa, flags) = difference(mate.toa, own.time);
             count(&mut counters.saturated, u32::from(flags.contains(TdoaFlags::SATURATED)));
-            mates.push(MateTdoa { drone: *drone, tdoa, pos: capture.pos, flags }).ok()?;
+            mates.push(MateTdoa { drone: mate.drone, tdoa, pos: mate.pos, flags }).ok()?;
         }
         if mates.is_empty() {
             return None;
         }
-        Some(TdoaEntry { occasion: own.occasion, user: own.user, time: own.time, pos: own.pos, mates })
+        Some(TdoaEntry { occasion: self.occasion, user: own.user, time: own.time, pos: own.pos, mates })
     }
 }
 

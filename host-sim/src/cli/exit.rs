@@ -36,12 +36,27 @@ impl Exit {
     }
 }
 
+/// Options that do not go together.
+#[derive(Debug, Error)]
+#[error("{option}: has no meaning with --backend {backend}; expected --backend {expected} beside it")]
+pub(super) struct UsageError {
+    /// The option that is too much.
+    pub(super) option: &'static str,
+    /// The backend it does not go with.
+    pub(super) backend: &'static str,
+    /// The backend it goes with.
+    pub(super) expected: &'static str,
+}
+
 /// Why a subcommand has no result.
 #[derive(Debug, Error)]
 pub(super) enum Failure {
     /// The mission was not flown to its end.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// The command line contradicts itself.
+    #[error(transparent)]
+    Usage(#[from] UsageError),
     /// The result files cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -60,7 +75,9 @@ impl Failure {
     /// The exit status it has.
     pub(super) const fn exit(&self) -> Exit {
         match self {
-            Self::Run(RunError::BadInput(_)) | Self::Output(_) | Self::Stdout(_) => Exit::BadInput,
+            Self::Run(RunError::BadInput(_)) | Self::Usage(_) | Self::Output(_) | Self::Stdout(_) => {
+                Exit::BadInput
+            }
             Self::Run(RunError::Infeasible(_)) => Exit::Infeasible,
             Self::Run(RunError::Link(_)) => Exit::Link,
             Self::Run(RunError::Interrupted) => Exit::Interrupted,

@@ -1,9 +1,10 @@
 //! `skyroost mission`: flies the whole two-stage mission and leaves its results in a directory.
 
 use super::console::Console;
-use super::exit::{Exit, Failure};
+use super::exit::{Exit, Failure, UsageError};
 use super::output::OutputDir;
 use super::{inputs, interrupt};
+use crate::fleet::{Backend, qemu::QemuOptions};
 use crate::recording::Recording;
 use crate::report::summary::Summary;
 use crate::report::{html, tables};
@@ -31,6 +32,8 @@ Examples:
       A real area and known users.
   skyroost mission dresden-elbe.toml --json | jq .localization
       A scenario file, results for a script.
+  skyroost mission --backend qemu --board-log logs
+      The flight code on six emulated flight controllers: the same results, to the bit.
 
 Result files: report.html (map and replay), summary.json (the figures), users.csv, trajectory.csv
 and recording.json. They appear together at the end; files of these names are replaced.
@@ -81,9 +84,21 @@ pub(super) struct MissionArgs {
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     duration_s: Option<f64>,
 
-    /// Where the flight code runs; this build has inproc: on this computer, in this program
+    /// Where the flight code runs: inproc, qemu or serial:PORT,...
+    ///
+    /// inproc: in this program. qemu: as the board's image on STM32F405s that QEMU emulates, one for each
+    /// drone, in lockstep with the simulated world. serial: on real boards, in real time, one port for each
+    /// drone. The results are the same, to the bit.
     #[arg(long, value_name = "BACKEND", default_value = "inproc", value_parser = backend)]
-    backend: Backend,
+    backend: BackendKind,
+
+    /// Image for the emulated boards [default: the workspace's own, built where it is missing or old]
+    #[arg(long, value_name = "FILE")]
+    board_image: Option<PathBuf>,
+
+    /// Directory for the boards' logs, one readable file for each drone
+    #[arg(long, value_name = "DIR")]
+    board_log: Option<PathBuf>,
 
     /// Directory for the result files
     #[arg(long, value_name = "DIR", default_value = "skyroost-out")]
@@ -103,18 +118,26 @@ pub(super) struct MissionArgs {
 }
 
 /// Where the flight code runs.
-#[derive(Clone, Copy, Debug)]
-enum Backend {
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum BackendKind {
     /// In this process.
     InProc,
+    /// On emulated boards.
+    Qemu,
+    /// On boards at these ports.
+    Serial(Vec<PathBuf>),
 }
 
-fn backend(text: &str) -> Result<Backend, &'static str> {
+fn backend(text: &str) -> Result<BackendKind, &'static str> {
     match text {
-        "inproc" => Ok(Backend::InProc),
-        "qemu" => Err("this build has only inproc"),
-        text if text.starts_with("serial:") => Err("this build has only inproc"),
-        _ => Err("expected inproc, qemu or serial:PORT,..."),
+        "inproc" => Ok(BackendKind::InProc),
+        "qemu" => Ok(BackendKind::Qemu),
+        _ => match text.strip_prefix("serial:") {
+            Some(ports) if ports.split(',').all(|port| !port.is_empty()) => {
+                Ok(BackendKind::Serial(ports.split(',').map(PathBuf::from).collect()))
+            }
+            _ => Err("expected inproc, qemu or serial:PORT,..."),
+        },
     }
 }
 
@@ -131,6 +154,29 @@ impl MissionArgs {
         }
     }
 
+    /// Where the flight code runs, once what is said about boards fits together.
+    fn backend(&self) -> Result<Backend, UsageError> {
+        let named = match &self.backend {
+            BackendKind::InProc => "inproc",
+            BackendKind::Serial(_) => "serial",
+            BackendKind::Qemu => {
+                return Ok(Backend::Qemu(QemuOptions {
+                    image: self.board_image.clone(),
+                    log_dir: self.board_log.clone(),
+                }));
+            }
+        };
+        for (option, given) in [("--board-image", &self.board_image), ("--board-log", &self.board_log)] {
+            if given.is_some() {
+                return Err(UsageError { option, backend: named, expected: "qemu" });
+            }
+        }
+        Ok(match &self.backend {
+            BackendKind::Serial(ports) => Backend::Serial(ports.clone()),
+            _ => Backend::InProc,
+        })
+    }
+
     fn threads(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(cores, usize::from)
@@ -139,7 +185,7 @@ impl MissionArgs {
 
 /// Runs the subcommand.
 pub(super) fn run(args: &MissionArgs) -> Result<Exit, Failure> {
-    let Backend::InProc = args.backend;
+    let backend = args.backend()?;
     let console = Console::new(args.quiet);
     let input = inputs::load(args.scenario.as_deref(), &args.overrides())?;
     let cancel = interrupt::flag(&console);
@@ -147,7 +193,7 @@ pub(super) fn run(args: &MissionArgs) -> Result<Exit, Failure> {
 
     let progress = console.progress();
     let options =
-        RunOptions { threads: args.threads(), cancel, progress: &|progress_now| progress.show(progress_now) };
+        RunOptions { threads: args.threads(), backend, cancel, progress: &|now| progress.show(now) };
     let outcome = runner::fly(&input, &options)?;
     drop(progress);
 

@@ -33,9 +33,9 @@ const TIMING_ADVANCE_M: f64 = 39.036;
 const GATE_OPEN: TimePs = TimePs::from_ms(20);
 
 /// One drone.
-pub(super) struct Drone<B> {
+pub(super) struct Drone {
     pub(super) id: DroneId,
-    pub(super) board: B,
+    pub(super) board: Box<dyn Board>,
     pub(super) vehicle: Vehicle,
     pub(super) uplink: Link<MAX_FRAME>,
     pub(super) downlink: Link<MAX_FRAME>,
@@ -60,8 +60,8 @@ pub(super) struct Drone<B> {
 }
 
 /// Parts of a drone.
-pub(super) struct Parts<B> {
-    pub(super) board: B,
+pub(super) struct Parts {
+    pub(super) board: Box<dyn Board>,
     pub(super) vehicle: Vehicle,
     pub(super) uplink: Link<MAX_FRAME>,
     pub(super) downlink: Link<MAX_FRAME>,
@@ -74,8 +74,8 @@ pub(super) struct Parts<B> {
     pub(super) radius_m: f64,
 }
 
-impl<B: Board> Drone<B> {
-    pub(super) fn new(id: DroneId, parts: Parts<B>) -> Self {
+impl Drone {
+    pub(super) fn new(id: DroneId, parts: Parts) -> Self {
         Self {
             id,
             board: parts.board,
@@ -143,10 +143,15 @@ impl<B: Board> Drone<B> {
         }));
     }
 
-    /// One step of the board.
-    pub(super) fn think(&mut self, step: u64) -> Result<(), BoardError> {
+    /// The board begins its step.
+    pub(super) fn begin_step(&mut self, step: u64) -> Result<(), BoardError> {
         self.outputs.clear();
-        self.board.step(TimePs::from_us(step as i64 * STEP_US), &self.inputs, &mut self.outputs)
+        self.board.begin_step(TimePs::from_us(step as i64 * STEP_US), &self.inputs, &mut self.outputs)
+    }
+
+    /// The board ends its step.
+    pub(super) fn end_step(&mut self) -> Result<(), BoardError> {
+        self.board.end_step(&mut self.outputs)
     }
 
     /// The board's outputs go where they belong, but for frames to fleet mates.

@@ -2,7 +2,7 @@
 
 use crate::{
     control::{area::AreaError, mission::MissionError, sweep::SweepError},
-    fleet::BoardError,
+    fleet::{Backend, BackendError, BoardError, ImageError},
     geometry::polygon::{Polygon, PolygonError},
     recording::Recording,
     report::{
@@ -41,6 +41,8 @@ pub struct MissionArea {
 pub struct RunOptions<'a> {
     /// Threads to use; the results do not depend on them.
     pub threads: usize,
+    /// Where the flight code runs; the results do not depend on it.
+    pub backend: Backend,
     /// Polled at least once a simulated second: when set, the run ends with
     /// [`RunError::Interrupted`].
     pub cancel: &'a AtomicBool,
@@ -102,6 +104,19 @@ impl From<BoardError> for RunError {
     }
 }
 
+impl From<BackendError> for RunError {
+    fn from(error: BackendError) -> Self {
+        match error {
+            // A file that the user named and that is not there is the user's to mend.
+            BackendError::Image(error @ ImageError::Unreadable { .. }) => {
+                Self::BadInput(InputError::Image(error))
+            }
+            BackendError::Ports { .. } => Self::BadInput(InputError::Ports(error)),
+            other => Self::Link(other.to_string()),
+        }
+    }
+}
+
 impl From<MissionError> for RunError {
     fn from(error: MissionError) -> Self {
         Self::Link(error.to_string())
@@ -111,6 +126,12 @@ impl From<MissionError> for RunError {
 /// What is wrong with the input of a mission.
 #[derive(Debug, Error)]
 pub enum InputError {
+    /// In the image for the boards.
+    #[error(transparent)]
+    Image(ImageError),
+    /// In the number of serial ports.
+    #[error(transparent)]
+    Ports(BackendError),
     /// In the scenario.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),

@@ -5,7 +5,7 @@
 
 use super::drone::{Drone, take_frames};
 use crate::{
-    fleet::{Board, BoardError},
+    fleet::BoardError,
     geometry::V3,
     world::{channel::Channel, grid::PointGrid, link::Link},
 };
@@ -24,8 +24,8 @@ pub(super) struct Surroundings {
 }
 
 /// Drones with direct links among them.
-pub(super) struct Island<B> {
-    pub(super) drones: Vec<Drone<B>>,
+pub(super) struct Island {
+    pub(super) drones: Vec<Drone>,
     /// Link from drone `i` to drone `j` at `i * drones + j`; those from a drone to itself stay unused.
     pub(super) links: Vec<Link<MAX_FRAME>>,
     /// Granted transmissions to come.
@@ -65,8 +65,8 @@ impl<const TIMED: bool> Stopwatch<TIMED> {
     }
 }
 
-impl<B: Board> Island<B> {
-    pub(super) fn new(drones: Vec<Drone<B>>, links: Vec<Link<MAX_FRAME>>) -> Self {
+impl Island {
+    pub(super) fn new(drones: Vec<Drone>, links: Vec<Link<MAX_FRAME>>) -> Self {
         assert_eq!(links.len(), drones.len() * drones.len(), "a link for every ordered pair");
         Self {
             drones,
@@ -98,8 +98,12 @@ impl<B: Board> Island<B> {
                 self.deliver(receiver, now_us);
             }
             watch.lap(&mut self.times.links);
+            // All begin before any ends: boards of their own work at the same time.
             for drone in &mut self.drones {
-                drone.think(step)?;
+                drone.begin_step(step)?;
+            }
+            for drone in &mut self.drones {
+                drone.end_step()?;
             }
             watch.lap(&mut self.times.agents);
             for sender in 0..self.drones.len() {

@@ -23,7 +23,12 @@ use std::collections::BTreeMap;
 type Late = Vec<[bool; 3]>;
 
 /// Everything that the flight amounts to.
-pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Result<Outcome, RunError> {
+pub(super) fn outcome(
+    input: &MissionInput,
+    setup: &Setup,
+    backend: &str,
+    flight: Flight,
+) -> Result<Outcome, RunError> {
     let scenario = &input.scenario;
     let (sweep, uncovered_m) = sweep(scenario, setup, &flight);
     let users = Users::new(setup, &flight);
@@ -37,7 +42,7 @@ pub(super) fn outcome(input: &MissionInput, setup: &Setup, flight: Flight) -> Re
     let summary = Summary {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
-        backend: "inproc".to_owned(),
+        backend: backend.to_owned(),
         drones: scenario.fleet.drones,
         fleets: scenario.fleets(),
         sweep,

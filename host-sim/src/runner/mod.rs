@@ -17,6 +17,7 @@ pub use input::{InputError, MissionArea, MissionInput, Outcome, Progress, RunErr
 
 use crate::{
     control::mission::{ControlCenter, MissionError, Stage},
+    fleet::{BoardError, BoardReport, Hangar},
     geometry::V3,
     recording::{DroneRecord, EventRecord, PhaseRecord, TrackSample},
     world::link::LinkCounters,
@@ -25,7 +26,7 @@ use digest::Digest;
 use island::{Island, IslandTimes, Surroundings};
 use rayon::prelude::*;
 use setup::Setup;
-use skyroost_firmware::{STEP_US, agent::FlightAgent};
+use skyroost_firmware::STEP_US;
 use skyroost_protocol::units::{DroneId, TimePs};
 use std::{
     collections::BTreeSet,
@@ -50,15 +51,19 @@ const SERVE_FOR_S: f64 = 2.0;
 pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, RunError> {
     let started = Instant::now();
     let setup = Setup::new(input)?;
+    let hangar = options.backend.open(setup.plan.drones.len())?;
+    // Islands that wait for boards of their own wait side by side.
+    let threads = if options.backend.is_remote() { setup.islands() } else { 0 };
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
+        .num_threads(options.threads.max(threads))
         .build()
         .map_err(|error| RunError::Link(format!("no threads to run on: {error}")))?;
     pool.install(|| {
-        let mut flight = Flight::new(input, &setup);
+        let mut flight = Flight::new(input, &setup, &hangar, options.backend.is_remote())?;
         flight.run(input, options)?;
+        flight.reports = flight.board_reports()?;
         let (simulated_s, shares) = (flight.now_s(), flight.shares());
-        let mut outcome = judge::outcome(input, &setup, flight)?;
+        let mut outcome = judge::outcome(input, &setup, options.backend.name(), flight)?;
         outcome.shares = shares;
         outcome.finish(&input.scenario, simulated_s, started.elapsed());
         Ok(outcome)
@@ -69,7 +74,9 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
 struct Flight {
     step: u64,
     control: ControlCenter,
-    islands: Vec<Island<FlightAgent>>,
+    islands: Vec<Island>,
+    /// Whether islands run on threads of their own.
+    parallel: bool,
     around: Surroundings,
     separation: Separation,
     fleets: Vec<FleetWatch>,
@@ -80,6 +87,8 @@ struct Flight {
     outbox: Outbox,
     /// Island and place in it of each drone, by id.
     place_of: Vec<(usize, usize)>,
+    /// How the boards fared, by id; after the flight.
+    reports: Vec<BoardReport>,
     /// Wall-clock time of timed windows.
     control_time: Duration,
     watch_time: Duration,
@@ -114,9 +123,9 @@ impl Outbox {
 const TIMED_WINDOW: u64 = 17;
 
 impl Flight {
-    fn new(input: &MissionInput, setup: &Setup) -> Self {
+    fn new(input: &MissionInput, setup: &Setup, hangar: &Hangar, remote: bool) -> Result<Self, BoardError> {
         let scenario = &input.scenario;
-        let islands = setup::islands(scenario, &setup.plan);
+        let islands = setup::islands(scenario, &setup.plan, hangar)?;
         let mut place_of = vec![(0, 0); setup.plan.drones.len()];
         for (index, island) in islands.iter().enumerate() {
             for (member, drone) in island.drones.iter().enumerate() {
@@ -129,9 +138,10 @@ impl Flight {
             fleet: d.fleet.map(|(fleet, _)| fleet as u16),
             track: Vec::new(),
         });
-        Self {
+        Ok(Self {
             step: 0,
             control: ControlCenter::new(setup.plan.clone()),
+            parallel: remote || tracks.len() >= PARALLEL_FROM_DRONES,
             islands,
             around: setup::surroundings(scenario, &setup.users),
             separation: Separation::new(&pads_m, scenario.fleet.d_safe_m, 1.2 * scenario.fleet.speed_mps),
@@ -141,9 +151,10 @@ impl Flight {
             window_m: vec![pads_m; WINDOW_STEPS as usize],
             outbox: Outbox::default(),
             place_of,
+            reports: Vec::new(),
             control_time: Duration::ZERO,
             watch_time: Duration::ZERO,
-        }
+        })
     }
 
     fn now_s(&self) -> f64 {
@@ -220,14 +231,14 @@ impl Flight {
 
     fn run_islands(&mut self, timed: bool) -> Result<(), RunError> {
         let (first, around) = (self.step, &self.around);
-        let run = |island: &mut Island<FlightAgent>| {
+        let run = |island: &mut Island| {
             if timed {
                 island.run::<true>(first, WINDOW_STEPS, around)
             } else {
                 island.run::<false>(first, WINDOW_STEPS, around)
             }
         };
-        if self.tracks.len() >= PARALLEL_FROM_DRONES {
+        if self.parallel {
             self.islands.par_iter_mut().try_for_each(run)?;
         } else {
             self.islands.iter_mut().try_for_each(run)?;
@@ -297,10 +308,19 @@ impl Flight {
         sum
     }
 
+    /// Asks every board how it fared.
+    fn board_reports(&mut self) -> Result<Vec<BoardReport>, BoardError> {
+        let drones = self.islands.iter_mut().flat_map(|island| &mut island.drones);
+        let mut reports = drones
+            .map(|drone| Ok((drone.id, drone.board.report()?)))
+            .collect::<Result<Vec<_>, BoardError>>()?;
+        reports.sort_by_key(|(id, _)| *id);
+        Ok(reports.into_iter().map(|(_, report)| report).collect())
+    }
+
     /// Frames that the flight code refused.
     fn rejected_on_board(&self) -> u64 {
-        let drones = self.islands.iter().flat_map(|island| &island.drones);
-        drones.map(|drone| u64::from(drone.board.counters().frames_rejected)).sum()
+        self.reports.iter().map(|report| u64::from(report.counters.frames_rejected)).sum()
     }
 
     /// Captures that came late, by occasion and drone.

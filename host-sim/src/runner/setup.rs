@@ -13,6 +13,7 @@ use crate::{
         srs_schedule::SrsConfig,
         sweep::{self, CornerModel, SubArea, SweepPlan, SweepRequest},
     },
+    fleet::{BoardError, Hangar},
     geometry::{V2, V3, polygon::Polygon},
     rng::Stream,
     scenario::{GnssMode, Orientation, Scenario, SplitMode},
@@ -30,7 +31,6 @@ use crate::{
 };
 use skyroost_firmware::{
     STEP_S,
-    agent::FlightAgent,
     config::{AgentConfig, SupervisorConfig},
     guidance::{
         formation::Slot,
@@ -76,6 +76,11 @@ impl Setup {
         let plan = mission_plan(scenario, &sweep, &pads);
         check_endurance(scenario, &sweep, &plan)?;
         Ok(Self { sweep, plan, users, polygon })
+    }
+
+    /// Groups of drones that have direct links: a fleet, or a reserve alone.
+    pub(super) fn islands(&self) -> usize {
+        self.plan.fleets.len() + self.plan.drones.iter().filter(|drone| drone.fleet.is_none()).count()
     }
 }
 
@@ -269,7 +274,11 @@ pub(super) fn surroundings(scenario: &Scenario, users: &[User]) -> Surroundings 
 }
 
 /// The drones on their pads: one island for each fleet and one for each reserve.
-pub(super) fn islands(scenario: &Scenario, plan: &MissionPlan) -> Vec<Island<FlightAgent>> {
+pub(super) fn islands(
+    scenario: &Scenario,
+    plan: &MissionPlan,
+    hangar: &Hangar,
+) -> Result<Vec<Island>, BoardError> {
     let count = plan.drones.len();
     let mut islands = Vec::new();
     let mut members: Vec<Vec<usize>> = vec![Vec::new(); plan.fleets.len()];
@@ -285,14 +294,15 @@ pub(super) fn islands(scenario: &Scenario, plan: &MissionPlan) -> Vec<Island<Fli
         ..link_config(scenario)
     };
     for indices in members {
-        let drones = indices.iter().map(|&index| drone(scenario, &plan.drones[index])).collect();
+        let drones = indices.iter().map(|&index| drone(scenario, &plan.drones[index], hangar));
+        let drones = drones.collect::<Result<_, _>>()?;
         let pairs =
             indices.iter().flat_map(|&from| indices.iter().map(move |&to| (from * count + to) as u64));
         let links =
             pairs.map(|pair| Link::new(peer.clone(), scenario.seed, Stream::LinkPeer, pair)).collect();
         islands.push(Island::new(drones, links));
     }
-    islands
+    Ok(islands)
 }
 
 fn link_config(scenario: &Scenario) -> LinkConfig {
@@ -307,7 +317,7 @@ fn link_config(scenario: &Scenario) -> LinkConfig {
     }
 }
 
-fn drone(scenario: &Scenario, planned: &PlannedDrone) -> Drone<FlightAgent> {
+fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result<Drone, BoardError> {
     let (seed, index) = (scenario.seed, u64::from(planned.id.0));
     let dt_s = f64::from(STEP_S);
     let wind = WindConfig {
@@ -340,15 +350,10 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone) -> Drone<FlightAgent> {
         ..VehicleConfig::default()
     };
     let battery = BatteryConfig { endurance_s: scenario.battery.endurance_s, ..BatteryConfig::default() };
-    let mut config = AgentConfig::new(planned.id);
-    config.capture_rate = TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked");
-    config.share_period = TimePs((scenario.link.share_period_s * 1e12) as i64);
-    config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
-    config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;
-    Drone::new(
+    let drone = Drone::new(
         planned.id,
         Parts {
-            board: FlightAgent::new(config),
+            board: hangar.start(agent_config(scenario, planned.id))?,
             vehicle: Vehicle::new(vehicle, dt_s, planned.pad_m),
             uplink: Link::new(link_config(scenario), seed, Stream::LinkUp, index),
             downlink: Link::new(link_config(scenario), seed, Stream::LinkDown, index),
@@ -360,7 +365,18 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone) -> Drone<FlightAgent> {
             error_radius_m: scenario.fleet.r_s_m,
             radius_m: scenario.fleet.radius_m,
         },
-    )
+    );
+    Ok(drone)
+}
+
+/// What a drone of the scenario is born with.
+fn agent_config(scenario: &Scenario, id: DroneId) -> AgentConfig {
+    let mut config = AgentConfig::new(id);
+    config.capture_rate = TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked");
+    config.share_period = TimePs((scenario.link.share_period_s * 1e12) as i64);
+    config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
+    config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;
+    config
 }
 
 /// Pads of a plan, in order of the drones.

@@ -6,7 +6,7 @@ use crate::geometry::{
 };
 use skyroost_firmware::guidance::{
     formation::Slot,
-    lanes::{ALONG_ACCEL_MPS2, LATERAL_ACCEL_MPS2, Lanes},
+    lanes::{ALONG_ACCEL_MPS2, Cursor, LATERAL_ACCEL_MPS2, Lanes},
 };
 
 /// Least separation over continuous time, pair by pair.
@@ -90,7 +90,7 @@ pub(super) struct FleetWatch {
     /// Way along the lanes where the transit ends.
     lanes_from_um: i64,
     phase_um: i64,
-    leg: usize,
+    cursor: Cursor,
     began_s: Option<f64>,
     ended_s: Option<f64>,
     squares_m2: f64,
@@ -118,7 +118,7 @@ impl FleetWatch {
             radius_m,
             lanes_from_um,
             phase_um: 0,
-            leg: 0,
+            cursor: Cursor::default(),
             began_s: None,
             ended_s: None,
             squares_m2: 0.0,
@@ -138,14 +138,12 @@ impl FleetWatch {
         // The fleet's phase is where its centroid stands along the track; it runs on by what the
         // centroid is ahead.
         for _ in 0..2 {
-            self.leg = self.lanes.leg_at(self.phase_um, self.leg);
-            let Some(point) = self.lanes.at(self.phase_um, self.leg) else { return };
+            let Some(point) = self.lanes.at(self.phase_um, &mut self.cursor) else { return };
             let ahead = centroid.xy() - point.pos_m.map(f64::from);
             let ahead_m = ahead.dot(&point.along.map(f64::from));
             self.phase_um = (self.phase_um + (ahead_m * 1e6) as i64).clamp(0, self.lanes.length_um());
         }
-        self.leg = self.lanes.leg_at(self.phase_um, self.leg);
-        let Some(point) = self.lanes.at(self.phase_um, self.leg) else { return };
+        let Some(point) = self.lanes.at(self.phase_um, &mut self.cursor) else { return };
         // On the way to the lanes fleets may have to avoid each other.
         let on_lanes = self.phase_um >= self.lanes_from_um;
         for (slot, pos) in self.slots.iter().zip(&pos_m).filter(|_| on_lanes) {

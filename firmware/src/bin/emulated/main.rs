@@ -27,7 +27,6 @@ use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_time::{Duration, Ticker};
 use skyroost_firmware::board::shell::{BUS_PIPE, Shell, Stopwatch};
-use static_cell::StaticCell;
 
 /// Guidance, above the links. Both use the interrupt of a peripheral that the boards leave alone.
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
@@ -51,8 +50,8 @@ unsafe fn UART4() {
 
 #[entry]
 fn main() -> ! {
-    static SHELL: StaticCell<Shell> = StaticCell::new();
-    let shell = &*SHELL.init_with(Shell::new);
+    static SHELL: Shell = Shell::new();
+    let shell = &SHELL;
     let Some(mut bus) = host::Bus::open() else { host::exit(false) };
     start_stopwatch();
     interrupt::UART5.set_priority(Priority::P6);
@@ -100,17 +99,17 @@ fn exchange(shell: &Shell, bus: &mut host::Bus) -> ! {
 
 #[embassy_executor::task]
 async fn guidance(shell: &'static Shell) {
-    shell.guidance(SysTick).await
+    shell.guidance(SysTick).await;
 }
 
 #[embassy_executor::task]
 async fn bus_task(shell: &'static Shell) {
-    shell.bus(time::advance_to, stack_used).await
+    shell.bus(time::advance_to, stack_used).await;
 }
 
 #[embassy_executor::task]
 async fn radio(shell: &'static Shell) {
-    shell.radio().await
+    shell.radio().await;
 }
 
 #[embassy_executor::task]

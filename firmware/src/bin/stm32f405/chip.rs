@@ -1,5 +1,7 @@
 //! The chip: clocks, UARTs with DMA, timer, watchdog.
 
+use cortex_m::peripheral::SCB;
+use cortex_m::singleton;
 use embassy_stm32::dma;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::InterruptExt;
@@ -10,7 +12,6 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, interrupt::typelevel};
 use skyroost_firmware::board::autopilot::Start;
 use skyroost_firmware::board::shell::Shell;
-use static_cell::StaticCell;
 
 use super::{DRIVER_PRIORITY, Executors, capture, clocks, emulator, flight, links, safe, supply};
 
@@ -49,8 +50,6 @@ unsafe fn USART1() {
 
 /// Sets the chip up and spawns what only it has.
 pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
-    static BUS_BUFFER: StaticCell<[u8; DMA_BUFFER]> = StaticCell::new();
-    static RADIO_BUFFER: StaticCell<[u8; DMA_BUFFER]> = StaticCell::new();
     let crystal = clocks::start_crystal();
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks::tree(crystal);
@@ -94,12 +93,18 @@ pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
         Irqs,
         at(RADIO_BAUD),
     );
-    // Constants that the clock tree can divide, tried at every start; there is nobody to tell otherwise.
-    let (Ok(bus), Ok(radio)) = (bus, radio) else { cortex_m::peripheral::SCB::sys_reset() };
+    let bus_buffer = singleton!(: [u8; DMA_BUFFER] = [0; DMA_BUFFER]);
+    let radio_buffer = singleton!(: [u8; DMA_BUFFER] = [0; DMA_BUFFER]);
+    // Rates that the clock tree can divide, and buffers that nobody else has taken: constants of this image,
+    // tried at every start.
+    let (Ok(bus), Ok(radio), Some(bus_buffer), Some(radio_buffer)) = (bus, radio, bus_buffer, radio_buffer)
+    else {
+        SCB::sys_reset()
+    };
     let (bus_tx, bus_rx) = bus.split();
     let (radio_tx, radio_rx) = radio.split();
-    let bus_rx = bus_rx.into_ring_buffered(BUS_BUFFER.init([0; DMA_BUFFER]));
-    let radio_rx = radio_rx.into_ring_buffered(RADIO_BUFFER.init([0; DMA_BUFFER]));
+    let bus_rx = bus_rx.into_ring_buffered(bus_buffer);
+    let radio_rx = radio_rx.into_ring_buffered(radio_buffer);
     let start = Start {
         last_epoch: started.last_epoch,
         reset_cause: started.cause.0,

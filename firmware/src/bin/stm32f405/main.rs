@@ -36,7 +36,6 @@ use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use skyroost_firmware::board::boot::LastWords;
 use skyroost_firmware::board::shell::{Shell, Stopwatch};
-use static_cell::StaticCell;
 
 /// Guidance, above the links. Both use the interrupt of a peripheral that the boards leave alone.
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
@@ -63,8 +62,8 @@ unsafe fn UART4() {
 
 #[entry]
 fn main() -> ! {
-    static SHELL: StaticCell<Shell> = StaticCell::new();
-    let shell = &*SHELL.init_with(Shell::new);
+    static SHELL: Shell = Shell::new();
+    let shell = &SHELL;
     start_stopwatch();
     interrupt::UART5.set_priority(GUIDANCE_PRIORITY);
     interrupt::UART4.set_priority(LINKS_PRIORITY);

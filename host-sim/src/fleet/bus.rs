@@ -1,0 +1,399 @@
+//! The host's end of the bus: a step's inputs out, its outputs back; see [`skyroost_firmware::board::bus`].
+
+use super::BoardFault;
+use heapless::Vec as Bounded;
+use skyroost_firmware::{
+    board::bus::{
+        ActPart, BUS_VERSION, Begin, FromBoard, MAX_ATTACHED_PART, MAX_CAPTURES_PART, Refusal, Report,
+        SensePart, StepHead, ToBoard, WireConfig, decode, encode,
+    },
+    config::AgentConfig,
+    io::{Inputs, Outputs},
+};
+use skyroost_protocol::{
+    SCHEMA_HASH,
+    codec::Frame,
+    header::{Header, Kind},
+    stream::{StreamDecoder, StreamFrame, encode_stream},
+    units::TimePs,
+};
+use std::{
+    io,
+    time::{Duration, Instant},
+};
+
+/// A board that says nothing for this long hangs.
+const SILENCE: Duration = Duration::from_secs(3);
+
+/// After damage, this much silence is enough to ask again: what was to come has come, or never will.
+const SILENCE_AFTER_DAMAGE: Duration = Duration::from_millis(3);
+
+/// A way to carry bytes to a board and back.
+pub(super) trait Transport: Send {
+    /// Sends all of `bytes`.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::BrokenPipe`] when the board is gone.
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Waits for bytes, at most for `timeout`; returns how many came, 0 when the time is up.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::UnexpectedEof`] when the board is gone.
+    fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize>;
+}
+
+/// What the link is like.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LinkKind {
+    /// Silence after which a request is sent again; none where nothing is ever lost or damaged, so that any
+    /// damage is a fault.
+    pub(super) resend_after: Option<Duration>,
+    /// Bytes of the radio in one message.
+    pub(super) radio_part: u8,
+}
+
+/// What happened on the bus, as the host saw it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct BusCounters {
+    /// Frames from the board that came damaged, and requests that reached it so.
+    pub(super) damaged: u64,
+    /// Requests sent again.
+    pub(super) resent: u64,
+    /// Costs of all steps in the board's units, their sum and the greatest.
+    pub(super) cost_sum: u64,
+    pub(super) cost_worst: u32,
+    /// Steps done.
+    pub(super) steps: u32,
+}
+
+/// The host's end of one board's bus.
+pub(super) struct BusClient<T> {
+    transport: T,
+    link: LinkKind,
+    decoder: StreamDecoder,
+    /// The radio of the board, put together from the parts of its answers.
+    radio: StreamDecoder,
+    step: u32,
+    /// The present request: its frames one after the other, and where each ends.
+    request: Vec<u8>,
+    ends: Vec<usize>,
+    head: Option<StepHead>,
+    counters: BusCounters,
+}
+
+impl<T: Transport> BusClient<T> {
+    pub(super) fn new(transport: T, link: LinkKind) -> Self {
+        Self {
+            transport,
+            link,
+            decoder: StreamDecoder::new(),
+            radio: StreamDecoder::new(),
+            step: 0,
+            request: Vec::new(),
+            ends: Vec::new(),
+            head: None,
+            counters: BusCounters::default(),
+        }
+    }
+
+    pub(super) const fn counters(&self) -> &BusCounters {
+        &self.counters
+    }
+
+    /// Makes the board the drone of `config`.
+    pub(super) fn begin(&mut self, config: &AgentConfig) -> Result<(), BoardFault> {
+        let begin = Begin {
+            bus_version: BUS_VERSION,
+            schema_hash: SCHEMA_HASH,
+            radio_part: self.link.radio_part,
+            config: WireConfig::from(config),
+        };
+        self.clear();
+        self.put(&ToBoard::Begin(begin));
+        let doing = || "since it was started".to_owned();
+        let answer = self.ask(doing, |_, message| match message {
+            FromBoard::Ready { bus_version, schema_hash, id } => Some((bus_version, schema_hash, id)),
+            _ => None,
+        })?;
+        match answer {
+            (BUS_VERSION, SCHEMA_HASH, id) if id == config.id => Ok(()),
+            (BUS_VERSION, SCHEMA_HASH, id) => {
+                Err(BoardFault::Nonsense(format!("it says it is drone {}", id.0)))
+            }
+            (bus, schema, _) => Err(BoardFault::Version { bus, schema }),
+        }
+    }
+
+    /// How the board fared.
+    pub(super) fn report(&mut self) -> Result<Report, BoardFault> {
+        self.clear();
+        self.put(&ToBoard::Report);
+        self.ask(
+            || "when asked how it fared".to_owned(),
+            |_, message| match message {
+                FromBoard::Report(report) => Some(report),
+                _ => None,
+            },
+        )
+    }
+
+    /// Sends everything that a step needs.
+    pub(super) fn begin_step(&mut self, now: TimePs, inputs: &Inputs) -> Result<(), BoardFault> {
+        self.clear();
+        self.step += 1;
+        let mut index = 0;
+        let mut part = |client: &mut Self, part: SensePart| {
+            client.put(&ToBoard::Sense { step: client.step, index, part });
+            index += 1;
+        };
+        let mut stream = StreamFrame::new();
+        for frame in &inputs.frames {
+            encode_stream(frame, &mut stream).expect("a link carries frames, and no empty ones");
+            for bytes in stream.chunks(usize::from(self.link.radio_part)) {
+                part(self, SensePart::Radio(Bounded::from_slice(bytes).expect("a part has room")));
+            }
+        }
+        for page in inputs.captures.chunks(MAX_CAPTURES_PART) {
+            part(self, SensePart::Captures(page.iter().map(|c| (*c).into()).collect()));
+        }
+        for page in inputs.attached.chunks(MAX_ATTACHED_PART) {
+            part(self, SensePart::Attached(page.iter().copied().collect()));
+        }
+        self.head = Some(StepHead {
+            now,
+            nav: inputs.nav.map(Into::into),
+            timer_ticks: inputs.timer_ticks,
+            battery_permille: inputs.battery_permille,
+        });
+        self.put_step(0);
+        self.transport.send(&self.request).map_err(fault)
+    }
+
+    /// Collects what the board wants done.
+    pub(super) fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardFault> {
+        let mut have: u16 = 0;
+        let begun = Instant::now();
+        loop {
+            let timeout = self.link.resend_after.unwrap_or(SILENCE);
+            let heard =
+                self.listen(timeout, &mut |client, message| client.on_answer(message, &mut have, outputs))?;
+            let from = match heard {
+                Heard::Done(()) => return Ok(()),
+                _ if begun.elapsed() >= SILENCE => return Err(self.silent_in_step()),
+                Heard::Nothing if self.link.resend_after.is_none() => return Err(self.silent_in_step()),
+                Heard::Hole(_) | Heard::Damage if self.link.resend_after.is_none() => {
+                    return Err(BoardFault::Damaged);
+                }
+                Heard::Hole(from) => usize::from(from),
+                // The request is there, or nobody knows: the step itself is enough to hear more.
+                Heard::Nothing | Heard::Damage => usize::MAX,
+            };
+            self.resend(from, have)?;
+        }
+    }
+
+    fn silent_in_step(&self) -> BoardFault {
+        BoardFault::Silent { seconds: SILENCE.as_secs(), doing: format!("in step {}", self.step) }
+    }
+
+    /// Takes in a message of the answer to a step.
+    fn on_answer(
+        &mut self,
+        message: FromBoard,
+        have: &mut u16,
+        outputs: &mut Outputs,
+    ) -> Result<Option<Heard<()>>, BoardFault> {
+        match message {
+            FromBoard::Act { step, index, part } if step == self.step => {
+                if index == *have {
+                    *have += 1;
+                    self.act(part, outputs)?;
+                }
+                Ok(None)
+            }
+            FromBoard::Done { step, parts, setpoint, cost } if step == self.step => {
+                if parts > *have {
+                    // Something in between was damaged.
+                    return Ok(Some(Heard::Damage));
+                }
+                outputs.setpoint = setpoint.into();
+                self.counters.steps += 1;
+                self.counters.cost_sum += u64::from(cost);
+                self.counters.cost_worst = self.counters.cost_worst.max(cost);
+                Ok(Some(Heard::Done(())))
+            }
+            FromBoard::Missing { step, next } if step == self.step => Ok(Some(Heard::Hole(next))),
+            FromBoard::Refused(Refusal::OutOfStep(done)) => Err(BoardFault::Nonsense(format!(
+                "it is at step {done} when asked for step {}; it may have been reset",
+                self.step
+            ))),
+            FromBoard::Refused(Refusal::NotBegun) => {
+                Err(BoardFault::Nonsense("it has forgotten who it is; it has been reset".to_owned()))
+            }
+            FromBoard::Refused(refusal) => Err(BoardFault::Nonsense(format!("it refuses: {refusal:?}"))),
+            // Answers to requests that were repeated may come twice.
+            _ => Ok(None),
+        }
+    }
+
+    fn act(&mut self, part: ActPart, outputs: &mut Outputs) -> Result<(), BoardFault> {
+        let nonsense = |what: &str| Err(BoardFault::Nonsense(what.to_owned()));
+        match part {
+            ActPart::Radio(bytes) => {
+                for byte in bytes {
+                    match self.radio.push(byte) {
+                        None => {}
+                        Some(Err(error)) => return nonsense(&format!("a frame for the radio: {error}")),
+                        Some(Ok(bytes)) => {
+                            let frame = Frame::from_slice(bytes).expect("the decoder yields frames");
+                            let kept = match Header::read(bytes).map(|header| header.kind) {
+                                Ok(Kind::Up) => outputs.uplink.push(frame),
+                                Ok(Kind::Peer) => outputs.peer.push(frame),
+                                _ => return nonsense("a frame for nobody on the radio"),
+                            };
+                            if kept.is_err() {
+                                return nonsense("more frames for the radio than a step can have");
+                            }
+                        }
+                    }
+                }
+            }
+            ActPart::Gates(gates) => {
+                for gate in gates {
+                    if outputs.srs_gates.push(gate.into()).is_err() {
+                        return nonsense("more SRS gates than a step can have");
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the request and waits for its answer.
+    fn ask<A>(
+        &mut self,
+        doing: impl Fn() -> String,
+        mut pick: impl FnMut(&mut Self, FromBoard) -> Option<A>,
+    ) -> Result<A, BoardFault> {
+        let begun = Instant::now();
+        loop {
+            self.transport.send(&self.request).map_err(fault)?;
+            let timeout = self.link.resend_after.unwrap_or(SILENCE);
+            let heard = self.listen(timeout, &mut |client, message| {
+                if let FromBoard::Refused(refusal) = message {
+                    return Err(BoardFault::Nonsense(format!("it refuses: {refusal:?}")));
+                }
+                Ok(pick(client, message).map(Heard::Done))
+            })?;
+            match heard {
+                Heard::Done(answer) => return Ok(answer),
+                _ if self.link.resend_after.is_none() || begun.elapsed() >= SILENCE => {
+                    return Err(BoardFault::Silent { seconds: SILENCE.as_secs(), doing: doing() });
+                }
+                _ => self.counters.resent += 1,
+            }
+        }
+    }
+
+    /// Hears messages until `on_message` has heard enough, for at most `timeout` without any.
+    fn listen<A>(
+        &mut self,
+        timeout: Duration,
+        on_message: &mut dyn FnMut(&mut Self, FromBoard) -> Result<Option<Heard<A>>, BoardFault>,
+    ) -> Result<Heard<A>, BoardFault> {
+        let mut bytes = [0; 4096];
+        let mut timeout = timeout;
+        loop {
+            let count = self.transport.receive(&mut bytes, timeout).map_err(fault)?;
+            if count == 0 {
+                return Ok(Heard::Nothing);
+            }
+            let mut heard = None;
+            for &byte in &bytes[..count] {
+                let message = match self.decoder.push(byte) {
+                    None => continue,
+                    Some(Ok(payload)) => decode::<FromBoard>(payload),
+                    Some(Err(error)) if self.link.resend_after.is_none() => {
+                        return Err(BoardFault::Nonsense(error.to_string()));
+                    }
+                    Some(Err(_)) => None,
+                };
+                let verdict = match message {
+                    Some(FromBoard::Damaged) if self.link.resend_after.is_none() => {
+                        return Err(BoardFault::Damaged);
+                    }
+                    None if self.link.resend_after.is_none() => {
+                        return Err(BoardFault::Nonsense("a frame that is no message of the bus".to_owned()));
+                    }
+                    // Damage shows as a hole in what follows, or as silence.
+                    Some(FromBoard::Damaged) | None => {
+                        self.counters.damaged += 1;
+                        timeout = timeout.min(SILENCE_AFTER_DAMAGE);
+                        None
+                    }
+                    Some(message) => on_message(self, message)?,
+                };
+                // Bytes that follow are taken in as well: they may end the wait.
+                if verdict.is_some() && !matches!(heard, Some(Heard::Done(_))) {
+                    heard = verdict;
+                }
+            }
+            if let Some(heard) = heard {
+                return Ok(heard);
+            }
+        }
+    }
+
+    /// Sends the parts from `from` on and asks for the step once more.
+    fn resend(&mut self, from: usize, have: u16) -> Result<(), BoardFault> {
+        self.counters.resent += 1;
+        let parts = self.ends.len() - 1;
+        self.ends.truncate(parts);
+        self.request.truncate(self.ends.last().copied().unwrap_or(0));
+        let begin = from.min(parts).checked_sub(1).map_or(0, |last| self.ends[last]);
+        self.put_step(have);
+        self.transport.send(&self.request[begin..]).map_err(fault)
+    }
+
+    fn put_step(&mut self, have: u16) {
+        let head = self.head.expect("a step has been begun");
+        let parts = self.ends.len() as u16;
+        self.put(&ToBoard::Step { step: self.step, parts, have, head });
+    }
+
+    fn put(&mut self, message: &ToBoard) {
+        let frame = encode(message).expect("every message fits a frame");
+        self.request.extend_from_slice(&frame);
+        self.ends.push(self.request.len());
+    }
+
+    fn clear(&mut self) {
+        self.request.clear();
+        self.ends.clear();
+    }
+}
+
+/// What came of listening.
+enum Heard<A> {
+    /// What was waited for.
+    Done(A),
+    /// The answer has a hole.
+    Damage,
+    /// The board lacks parts of the request from this one on.
+    Hole(u16),
+    /// Nothing, for too long.
+    Nothing,
+}
+
+fn fault(error: io::Error) -> BoardFault {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof => {
+            BoardFault::Ended("it closed its end of the bus".to_owned())
+        }
+        _ => BoardFault::Link(error),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,211 @@
+//! Real boards on serial ports, in real time: hardware in the loop.
+//!
+//! The board's bus goes over a UART. Steps are begun on the grid of real time, and a step whose answer is not
+//! there 20 ms later has missed its deadline: the flight waits for it, since the world is simulated and can, and
+//! the miss is counted and shown. So results are those of every other backend, to the bit, however slow or
+//! damaged the link is; how punctual the board was stands beside them.
+
+use super::{
+    Board, BoardError, BoardFault, BoardFigures, BoardReport,
+    bus::{BusClient, LinkKind, Transport},
+};
+use serial2::SerialPort;
+use skyroost_firmware::{
+    STEP_US,
+    board::bus::Report,
+    config::AgentConfig,
+    counters::Counters,
+    io::{Inputs, Outputs},
+};
+use skyroost_protocol::units::TimePs;
+use std::{
+    io,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// Bits a second on the wire; the image's UART has the same.
+pub const BAUD: u32 = 921_600;
+/// A request without an answer for this long is sent again: several times what a good exchange takes.
+const RESEND_AFTER: Duration = Duration::from_millis(40);
+/// Bytes of the radio in a message: short, as every damaged byte costs a whole message.
+const RADIO_PART: u8 = 48;
+/// Time from one step to the next.
+const PERIOD: Duration = Duration::from_micros(STEP_US as u64);
+
+/// Opens boards, one port after the other.
+pub(crate) struct Ports {
+    ports: Vec<PathBuf>,
+    pace: Arc<Pace>,
+}
+
+impl Ports {
+    pub(super) fn new(ports: &[PathBuf]) -> Self {
+        Self { ports: ports.to_vec(), pace: Arc::new(Pace::default()) }
+    }
+
+    /// Starts the board of a drone: drone 1 is at the first port.
+    pub(crate) fn start(&self, config: AgentConfig) -> Result<SerialBoard, BoardError> {
+        let drone = config.id.0;
+        let failed = |fault| BoardError { drone, fault, log: Vec::new() };
+        let path = &self.ports[usize::from(drone) - 1];
+        let port = open(path)
+            .map_err(|error| failed(BoardFault::NotStarted(format!("{}: {error}", path.display()))))?;
+        let link = LinkKind { resend_after: Some(RESEND_AFTER), radio_part: RADIO_PART };
+        let mut bus = BusClient::new(Wire { port, timeout: Duration::ZERO }, link);
+        bus.begin(&config).map_err(failed)?;
+        let punctuality = Punctuality::default();
+        Ok(SerialBoard { drone, bus, pace: Arc::clone(&self.pace), due: Instant::now(), punctuality })
+    }
+}
+
+fn open(path: &Path) -> io::Result<SerialPort> {
+    let port = SerialPort::open(path, BAUD)?;
+    // What a board said before is not for this flight.
+    port.discard_buffers()?;
+    Ok(port)
+}
+
+/// A serial port as a transport of the bus.
+struct Wire {
+    port: SerialPort,
+    timeout: Duration,
+}
+
+impl Transport for Wire {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.port.write_all(bytes)
+    }
+
+    fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        if timeout != self.timeout {
+            self.port.set_read_timeout(timeout)?;
+            self.timeout = timeout;
+        }
+        match self.port.read(bytes) {
+            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {
+                Ok(0)
+            }
+            result => result,
+        }
+    }
+}
+
+/// Real time as all boards of a flight share it.
+#[derive(Debug, Default)]
+struct Pace {
+    /// When simulated time was zero; moved on when the flight falls behind.
+    zero: Mutex<Option<Instant>>,
+}
+
+impl Pace {
+    /// Waits until it is `now` in real time, and returns when that was.
+    fn wait_for(&self, now: TimePs) -> Instant {
+        let since_zero = Duration::from_micros(u64::try_from(now.as_us()).unwrap_or(0));
+        let due = {
+            let mut zero = self.zero.lock().unwrap_or_else(PoisonError::into_inner);
+            let present = Instant::now();
+            let start = zero.get_or_insert_with(|| present.checked_sub(since_zero).unwrap_or(present));
+            let behind = present.saturating_duration_since(*start + since_zero);
+            if behind > PERIOD {
+                // Nothing is gained by hurrying after lost time.
+                *start += behind;
+            }
+            *start + since_zero
+        };
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        due
+    }
+}
+
+/// How punctual a board was.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Punctuality {
+    /// Steps whose answer was not there at the end of their 20 ms.
+    pub missed_deadlines: u32,
+    /// Longest time from the beginning of a step to its answer, milliseconds.
+    pub worst_answer_ms: f64,
+    /// Frames that came damaged, either way.
+    pub damaged: u64,
+    /// Requests that had to be sent again.
+    pub resent: u64,
+}
+
+/// One board on a serial port.
+pub struct SerialBoard {
+    drone: u16,
+    bus: BusClient<Wire>,
+    pace: Arc<Pace>,
+    /// When the present step was due to begin.
+    due: Instant,
+    punctuality: Punctuality,
+}
+
+impl SerialBoard {
+    fn failed(&self, fault: BoardFault) -> BoardError {
+        BoardError { drone: self.drone, fault, log: Vec::new() }
+    }
+}
+
+impl Board for SerialBoard {
+    fn begin_step(&mut self, now: TimePs, inputs: &Inputs, _: &mut Outputs) -> Result<(), BoardError> {
+        self.due = self.pace.wait_for(now);
+        self.bus.begin_step(now, inputs).map_err(|fault| self.failed(fault))
+    }
+
+    fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError> {
+        self.bus.end_step(outputs).map_err(|fault| self.failed(fault))?;
+        let took = self.due.elapsed();
+        let punctuality = &mut self.punctuality;
+        punctuality.missed_deadlines += u32::from(took > PERIOD);
+        punctuality.worst_answer_ms = punctuality.worst_answer_ms.max(took.as_secs_f64() * 1e3);
+        Ok(())
+    }
+
+    fn report(&mut self) -> Result<BoardReport, BoardError> {
+        let Report { counters, link, steps, stack_used, .. } =
+            self.bus.report().map_err(|fault| self.failed(fault))?;
+        let counted = self.bus.counters();
+        Ok(BoardReport {
+            counters: Counters::from_array(counters),
+            board: Some(BoardFigures {
+                link,
+                steps,
+                stack_used: (stack_used > 0).then_some(stack_used),
+                punctuality: Some(Punctuality {
+                    damaged: counted.damaged,
+                    resent: counted.resent,
+                    ..self.punctuality
+                }),
+                ..BoardFigures::default()
+            }),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flight_that_falls_behind_does_not_hurry_after() {
+        let pace = Pace::default();
+        let at = |step: i64| pace.wait_for(TimePs::from_us(step * STEP_US));
+        let first = at(0);
+        assert!(at(1) - first == PERIOD, "on the grid");
+        std::thread::sleep(5 * PERIOD);
+        let late = at(2);
+        assert!(late - first >= 6 * PERIOD, "begun when it was asked for");
+        assert!(at(3) - late == PERIOD, "and on the grid again");
+    }
+
+    #[test]
+    fn a_port_that_is_not_there_is_named() {
+        let ports = Ports::new(&["/dev/no-such-port".into()]);
+        let config = AgentConfig::new(skyroost_protocol::units::DroneId(1));
+        let Err(error) = ports.start(config) else { panic!("started") };
+        assert!(error.to_string().contains("/dev/no-such-port"), "{error}");
+    }
+}
