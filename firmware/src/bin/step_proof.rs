@@ -1,13 +1,13 @@
 //! Proof by the linker that the flight code cannot panic.
 //!
 //! The image calls all that runs in flight, on values of which the compiler knows nothing but their
-//! types: an agent's start, step and restart, and the codec of the byte link. Its panic handler calls
-//! [`the_flight_code_can_panic`], which nobody defines. Once the compiler has proved every panic
-//! unreachable, the handler has no caller and is left out, and the image links; as long as one is left,
-//! the link fails and names that function.
+//! types: an agent's start, step and restart, the codec of the byte link, and the cadence of the loop. Its
+//! panic handler calls [`the_flight_code_can_panic`], which nobody defines. Once the compiler has proved
+//! every panic unreachable, the handler has no caller and is left out, and the image links; as long as one
+//! is left, the link fails and names that function.
 //!
-//! The image is never run. With the feature `blame` the handler is one that loops: the image links
-//! whatever is in it, and a disassembly says who calls `core::panicking`.
+//! The image is never run. With the feature `blame` its panic handler loops instead: it then links whatever
+//! it holds, and a disassembly says who calls `core::panicking`.
 #![no_std]
 #![no_main]
 
@@ -17,6 +17,7 @@ use core::ptr::{read_volatile, with_exposed_provenance_mut};
 use cortex_m as _; // the critical section
 use skyroost_firmware::{
     agent::FlightAgent,
+    board::cadence::Cadence,
     config::AgentConfig,
     io::{Inputs, Outputs},
 };
@@ -38,6 +39,8 @@ fn main() -> ! {
     let agent: &mut FlightAgent = unknown();
     *agent = FlightAgent::new(*unknown::<AgentConfig>());
     loop {
+        unknown::<FlightAgent>().restart(*unknown::<AgentConfig>());
+        unknown::<Cadence>().finished(*unknown(), *unknown());
         let (inputs, outputs): (&mut Inputs, &mut Outputs) = (unknown(), unknown());
         unknown::<FlightAgent>().step(*unknown::<TimePs>(), inputs, outputs);
         inputs.clear();

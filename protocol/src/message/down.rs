@@ -46,7 +46,8 @@ wire! {
     /// Commands, each acknowledged.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub enum Command {
-        /// Announces a mission; its lane pieces follow.
+        /// Announces a mission; its lane pieces follow. It takes the room of the lanes there were: until it
+        /// is committed there is nothing to sweep.
         UploadBegin(MissionHeader),
         /// All pieces were sent: check and make ready.
         UploadCommit {
