@@ -413,6 +413,21 @@ mod tests {
         );
     }
 
+    /// The figures of firmware/README.md.
+    #[test]
+    fn uncertainty_is_as_documented() {
+        let clock = locked(&TIMER, 20);
+        let bound_ns =
+            |after_s: i64| clock.time_at(TIMER.ticks((19 + after_s) * S)).map(|now| now.uncertainty_ns);
+        for (after_s, documented_ns) in [(0, 500), (1, 580), (60, 14_500), (600, 955_000)] {
+            let bound_ns = bound_ns(after_s).expect("locked");
+            assert!(
+                (documented_ns * 97 / 100..=documented_ns).contains(&bound_ns),
+                "{bound_ns} ns after {after_s} s"
+            );
+        }
+    }
+
     #[test]
     fn says_nothing_after_too_long_without_pulses() {
         let clock = locked(&TIMER, 20);

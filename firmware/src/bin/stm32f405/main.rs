@@ -149,25 +149,23 @@ fn stack_used() -> u32 {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    safe::outputs();
-    defmt::error!("hard fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
-    safe::reset(LastWords::Fault)
+    safe::reset(LastWords::Fault, || {
+        defmt::error!("hard fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
+    })
 }
 
 /// The clock security system found the crystal stopped; the chip runs on its internal oscillator now.
 #[exception]
 unsafe fn NonMaskableInt() {
-    safe::outputs();
-    defmt::error!("the crystal has stopped");
-    safe::reset(LastWords::Crystal)
+    safe::reset(LastWords::Crystal, || defmt::error!("the crystal has stopped"))
 }
 
 /// Says where, then resets: a drone is better served by a board that starts again than by one that halts.
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
-    safe::outputs();
-    if let Some(place) = info.location() {
-        defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
-    }
-    safe::reset(LastWords::Panic)
+    safe::reset(LastWords::Panic, || {
+        if let Some(place) = info.location() {
+            defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
+        }
+    })
 }

@@ -4,6 +4,8 @@
 //! Safe is to command nothing: the autopilot sees `OUTPUT_ENABLE` fall and the setpoints stop, and its own
 //! failsafe takes over. The baseband sees its gate closed.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use cortex_m::peripheral::SCB;
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::vals::Moder;
@@ -34,8 +36,16 @@ pub(crate) fn enable_outputs() {
     pac::GPIOB.bsrr().write(|w| w.set_bs(OUTPUT_ENABLE, true));
 }
 
-/// Resets, and leaves word why. Outputs are safe before.
-pub(crate) fn reset(words: LastWords) -> ! {
-    super::supply::leave_word(words);
+/// The end of this run, from any context: outputs safe, word left why, `log` called, reset.
+///
+/// `log` is left out where it was in it that things went wrong (the log of a fault that hit the log
+/// would fail again, for ever).
+pub(crate) fn reset(words: LastWords, log: impl FnOnce()) -> ! {
+    static ENDING: AtomicBool = AtomicBool::new(false);
+    outputs();
+    if !ENDING.swap(true, Ordering::Relaxed) {
+        super::supply::leave_word(words);
+        log();
+    }
     SCB::sys_reset()
 }

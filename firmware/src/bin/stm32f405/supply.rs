@@ -67,9 +67,9 @@ pub(crate) fn guard() {
 
 #[interrupt]
 unsafe fn PVD() {
-    safe::outputs();
-    defmt::error!("the supply falls");
-    // Down to the brown-out reset, or up again; should this take long, the watchdog ends it.
-    while pac::PWR.csr1().read().pvdo() {}
-    safe::reset(LastWords::Supply)
+    safe::reset(LastWords::Supply, || {
+        defmt::error!("the supply falls");
+        // Down to the brown-out reset, or up again; should this take long, the watchdog ends it.
+        while pac::PWR.csr1().read().pvdo() {}
+    })
 }
