@@ -37,12 +37,13 @@ const RADIO_PIPE: usize = 256;
 
 /// What the tasks of a board share.
 pub struct Shell {
-    core: Mutex<Raw, Core>,
+    pub(super) core: Mutex<Raw, Core>,
     /// Bytes from the host.
     pub bus_in: Pipe<Raw, BUS_PIPE>,
     /// Bytes for the host.
     pub bus_out: Pipe<Raw, BUS_PIPE>,
-    radio_in: Pipe<Raw, RADIO_PIPE>,
+    /// Bytes that came over the radio.
+    pub radio_in: Pipe<Raw, RADIO_PIPE>,
     /// Bytes of the radio that its task has dealt with, modulo 2^32.
     radio_taken: AtomicU32,
     tick: Signal<Raw, TimePs>,
@@ -58,10 +59,10 @@ pub trait Stopwatch {
 }
 
 /// The flight code and what goes in and out of it.
-struct Core {
-    agent: FlightAgent,
-    inputs: Inputs,
-    outputs: Outputs,
+pub(super) struct Core {
+    pub(super) agent: FlightAgent,
+    pub(super) inputs: Inputs,
+    pub(super) outputs: Outputs,
     radio: RadioIntake,
 }
 
@@ -182,14 +183,14 @@ impl Shell {
 }
 
 impl Core {
-    fn begin(&mut self, config: AgentConfig) {
+    pub(super) fn begin(&mut self, config: AgentConfig) {
         self.agent.restart(config);
         self.inputs.clear();
         self.outputs.clear();
         self.radio = RadioIntake::new();
     }
 
-    fn step(&mut self, now: TimePs, stopwatch: &impl Stopwatch) -> u32 {
+    pub(super) fn step(&mut self, now: TimePs, stopwatch: &impl Stopwatch) -> u32 {
         self.outputs.clear();
         let begun = stopwatch.read();
         self.agent.step(now, &self.inputs, &mut self.outputs);
