@@ -470,10 +470,8 @@ mod tests {
             let odd = f32::from_bits(bits);
             let nav = WireNav { pos_enu_m: [odd; 3], vel_enu_mps: [odd; 3], error_radius_m: odd };
             let head = StepHead { now: TimePs(-1), nav: Some(nav), timer_ticks: 1, battery_permille: 2 };
-            let ToBoard::Step { head, .. } = through(&ToBoard::Step { step: 1, parts: 0, have: 0, head })
-            else {
-                panic!("another message");
-            };
+            let payload = payload_of(&ToBoard::Step { step: 1, parts: 0, have: 0, head });
+            let Some(ToBoard::Step { head, .. }) = decode(&payload) else { panic!("another message") };
             let fix = NavFix::from(head.nav.expect("a fix"));
             assert!(fix.pos_enu_m.iter().chain(&fix.vel_enu_mps).all(|x| x.to_bits() == bits));
             assert_eq!(fix.error_radius_m.to_bits(), bits);

@@ -92,6 +92,13 @@ mod tests {
         FromAutopilot::Nav { nav: None, battery_permille: 5 }
     }
 
+    /// A message of the host.
+    fn report() -> StreamFrame {
+        let mut frame = StreamFrame::new();
+        assert!(bus::encode(&ToBoard::Report, &mut frame), "fits");
+        frame
+    }
+
     fn push_all(intake: &mut BusIntake, bytes: &[u8]) -> Vec<Heard> {
         bytes.iter().filter_map(|byte| intake.push(*byte)).collect()
     }
@@ -99,7 +106,7 @@ mod tests {
     #[test]
     fn the_host_is_heard_to_the_byte() {
         let mut intake = BusIntake::new();
-        let frame = bus::encode(&ToBoard::Report).expect("fits");
+        let frame = report();
         assert_eq!(push_all(&mut intake, &frame), [Heard::Host(frame)]);
         assert_eq!(intake.mode(), BusMode::Bench);
     }
@@ -109,14 +116,14 @@ mod tests {
         let mut intake = BusIntake::new();
         let frame = autopilot::encode(FROM_AUTOPILOT, &nav()).expect("fits");
         assert_eq!(push_all(&mut intake, &frame), [Heard::Autopilot(nav())]);
-        assert_eq!(push_all(&mut intake, &bus::encode(&ToBoard::Report).expect("fits")), []);
+        assert_eq!(push_all(&mut intake, &report()), []);
         assert_eq!((intake.mode(), intake.unknown()), (BusMode::Flight, 1));
     }
 
     #[test]
     fn noise_decides_nothing() {
         let mut intake = BusIntake::new();
-        let mut frame = bus::encode(&ToBoard::Report).expect("fits");
+        let mut frame = report();
         let at = frame.len() / 2;
         frame[at] ^= 4;
         push_all(&mut intake, &frame);
