@@ -79,7 +79,7 @@ pub(super) fn outcome(
         phases: flight.phases,
         drones: flight.tracks,
     };
-    Ok(Outcome { summary, recording, shares: Vec::new() })
+    Ok(Outcome { summary, recording, shares: Vec::new(), boards: Vec::new() })
 }
 
 /// An event for people.
