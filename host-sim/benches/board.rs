@@ -57,9 +57,8 @@ fn main() {
 
     let mut sky = Sky::new(launcher.start(AgentConfig::new(ME)).expect("the board starts"));
     let commit = sky.enter();
-    let (crowded, searched) = search(&mut sky, if quick { 60 } else { 1_000 });
+    let (worst, searched) = search(&mut sky, if quick { 60 } else { 1_000 });
     let figures = sky.figures();
-    let worst = figures.step_instructions_worst.expect("the emulator counts");
     let mut stack = figures.stack_used.expect("the board measures its stack");
     let sum = figures.step_instructions_sum.expect("the emulator counts");
     let seconds = begun.elapsed().as_secs_f64();
@@ -72,9 +71,8 @@ fn main() {
 
     println!("step_instructions_worst {worst}");
     println!("step_instructions_typical {}", instructions.div_ceil(steps));
+    println!("upload_instructions_worst {commit}");
     println!("stack_bytes {stack}");
-    println!("worst_step_of_the_search {crowded}");
-    println!("upload_commit_step {commit}");
     println!(
         "worst_step_of_a_mission {}",
         all().filter_map(|b| b.step_instructions_worst).max().unwrap_or(0)
@@ -146,7 +144,7 @@ enum Word {
     /// A command that was executed before.
     Repeated,
     /// A new command.
-    Place,
+    Command,
     /// Where a mate stands on the lanes.
     Phase,
     /// Bytes.
@@ -162,7 +160,7 @@ const WORDS: [Word; 11] = [
     Word::KnownCaptures,
     Word::Piece,
     Word::Repeated,
-    Word::Place,
+    Word::Command,
     Word::Phase,
     Word::Noise,
 ];
@@ -352,29 +350,34 @@ impl Sky {
         cost
     }
 
-    /// Into the air and onto the longest lanes there can be, among neighbours. Returns what it costs to
-    /// commit those lanes there.
+    /// Into the air and, among neighbours, onto the longest lanes there can be. Returns what it costs to make
+    /// those ready.
     fn enter(&mut self) -> u64 {
-        // Corners all the way, none like the other.
-        let corner = |k: usize| [40_000 * k as i32, (k as i32 * k as i32 * 7_919) % 90_000];
-        let lanes_mm: Vec<[i32; 2]> = (0..MAX_WAYPOINTS).map(corner).collect();
-        let commit = Command::UploadCommit { mission: MISSION, lanes_crc: lanes_crc(&lanes_mm) };
-        self.command(Command::UploadBegin(header()));
-        for half in 0..2 {
-            for piece in 16 * half..16 * (half + 1) {
-                self.tell(&piece_of(&lanes_mm, piece * MAX_LANE_PIECE));
-            }
-            self.step();
-        }
-        self.command(commit.clone());
+        let short = [[0, 0], [90_000, 0]];
+        self.upload(MISSION, &short);
         self.command(Command::TakeOff);
         self.step();
-        let crowd = Rush::all(Word::Neighbours);
-        self.put_crowd(&crowd);
+        // Corners all the way, none like the other.
+        let corner = |k: usize| [40_000 * k as i32, (k * k * 7_919 % 90_000) as i32];
+        let longest: Vec<[i32; 2]> = (0..MAX_WAYPOINTS).map(corner).collect();
+        self.put_crowd(&Rush::all(Word::Neighbours));
         self.step();
-        let commit_cost = self.command(commit);
+        let cost = self.upload(MissionId(MISSION.0 + 1), &longest);
         self.command(Command::StartSweep { at: self.after_ms(0) });
-        commit_cost
+        cost
+    }
+
+    /// Uploads lanes; returns what the commit costs.
+    fn upload(&mut self, mission: MissionId, lanes_mm: &[[i32; 2]]) -> u64 {
+        self.command(Command::UploadBegin(header(mission, lanes_mm.len())));
+        for (index, waypoints_mm) in lanes_mm.chunks(MAX_LANE_PIECE).enumerate() {
+            if self.inputs.frames.is_full() {
+                self.step();
+            }
+            self.tell(&piece(mission, index * MAX_LANE_PIECE, waypoints_mm));
+        }
+        self.step();
+        self.command(Command::UploadCommit { mission, lanes_crc: lanes_crc(lanes_mm) })
     }
 
     /// The instructions of a step that begins with full tables, with everything due that is sent at times.
@@ -430,13 +433,15 @@ impl Sky {
                     self.put_captures(index % 2, waited + (index as u32 * 5) % (PAIRINGS - 5));
                 }
                 Word::Piece => {
-                    let lanes_mm = [[123_456, -654_321]; MAX_WAYPOINTS];
-                    self.tell(&piece_of(&lanes_mm, index * MAX_LANE_PIECE));
+                    let waypoints_mm = [[123_456, -654_321]; MAX_LANE_PIECE];
+                    let mission = MissionId(MISSION.0 + 1);
+                    self.tell(&piece(mission, index * MAX_LANE_PIECE, &waypoints_mm));
                 }
                 Word::Repeated => {
-                    self.tell(&Down::Command { id: self.command, command: Command::UploadBegin(header()) });
+                    let command = Command::UploadBegin(header(MISSION, MAX_WAYPOINTS));
+                    self.tell(&Down::Command { id: self.command, command });
                 }
-                Word::Place => {
+                Word::Command => {
                     // Refused, so that the sweep goes on.
                     self.put_command(Command::UploadCommit { mission: MISSION, lanes_crc: u32::MAX });
                 }
@@ -535,9 +540,9 @@ impl Sky {
     }
 }
 
-fn header() -> MissionHeader {
+fn header(mission: MissionId, waypoints: usize) -> MissionHeader {
     MissionHeader {
-        mission: MISSION,
+        mission,
         fleet: Some(FleetId(0)),
         mates: [ME, MATES[0], MATES[1]],
         slot: 0,
@@ -547,12 +552,12 @@ fn header() -> MissionHeader {
         speed_mmps: 10_000,
         altitude_mm: (ALTITUDE_M * 1e3) as u32,
         home: PosEnuMm([0, 0, 0]),
-        waypoints: MAX_WAYPOINTS as u16,
+        waypoints: waypoints as u16,
         d_safe_mm: 10_000,
     }
 }
 
-fn piece_of(lanes_mm: &[[i32; 2]], first: usize) -> Down {
-    let waypoints_mm = lanes_mm[first..first + MAX_LANE_PIECE].iter().copied().collect();
-    Down::LanePiece(LanePiece { mission: MISSION, first: first as u16, waypoints_mm })
+fn piece(mission: MissionId, first: usize, waypoints_mm: &[[i32; 2]]) -> Down {
+    let waypoints_mm = waypoints_mm.iter().copied().collect();
+    Down::LanePiece(LanePiece { mission, first: first as u16, waypoints_mm })
 }
