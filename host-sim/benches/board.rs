@@ -57,7 +57,7 @@ fn main() {
 
     let mut sky = Sky::new(launcher.start(AgentConfig::new(ME)).expect("the board starts"));
     let commit = sky.enter();
-    let (worst, searched) = search(&mut sky, if quick { 60 } else { 1_000 });
+    let (worst, searched) = search(&mut sky, if quick { 60 } else { 500 });
     let figures = sky.figures();
     let mut stack = figures.stack_used.expect("the board measures its stack");
     let sum = figures.step_instructions_sum.expect("the emulator counts");
