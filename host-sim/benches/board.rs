@@ -116,8 +116,11 @@ fn search(sky: &mut Sky, tries: u32) -> (u64, u32) {
         }
     }
     for _ in 0..tries {
-        let rush =
-            if chance.next_u32() % 4 == 0 { Rush::any(&mut chance) } else { best.1.varied(&mut chance) };
+        let rush = if chance.next_u32().is_multiple_of(4) {
+            Rush::any(&mut chance)
+        } else {
+            best.1.varied(&mut chance)
+        };
         attempt(rush, &mut best);
     }
     println!("# the worst of them: {:?}", best.1);
