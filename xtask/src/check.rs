@@ -5,7 +5,8 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 use std::{fmt, io};
 
-use crate::firmware::{self, BOARDS, Board};
+use crate::bench::{self, Thoroughness};
+use crate::firmware::{self, BOARDS, Board, STEP_PROOF};
 use crate::process::{self, Failure, Outcome, cargo, target_dir};
 use crate::setup;
 
@@ -18,16 +19,18 @@ Runs every check in this order and stops at the first that fails:
   format   cargo fmt --check
   lint     clippy on the host, warnings denied
   cross    the flight code and every board's image: clippy, build, flash, RAM and stack within
-           firmware/budgets.toml, no panic, allocation or recursion in a step
+           firmware/budgets.toml, no panic, allocation or recursion in a step; and the link of
+           step_proof, which fails where the flight code can panic
   build    the optimised `skyroost` that whole missions are flown with
   test     unit, property, documentation and mission tests
+  budget   instructions and stack of the worst steps on the emulated board
   doc      documentation, warnings denied
 ";
 
 /// A check: its name in [`HELP`], and what it does. It may add to the count of tests.
 type Step = (&'static str, fn(&mut TestCount) -> Outcome);
 
-const STEPS: [Step; 7] = [
+const STEPS: [Step; 8] = [
     ("setup", |_| setup::ensure(&setup::ALL)),
     ("format", |_| process::run(cargo("fmt").args(["--all", "--check"]))),
     ("lint", |_| process::run(cargo("clippy").args(HOST).args(["--all-targets", "--", "-D", "warnings"]))),
@@ -36,6 +39,7 @@ const STEPS: [Step; 7] = [
         process::run(cargo("build").args(["--locked", "--release", "--package=skyroost-host-sim"]))
     }),
     ("test", test),
+    ("budget", |_| bench::hold_boards(Thoroughness::Quick)), // with what the tests have built
     ("doc", |_| process::run(cargo("doc").args(HOST).arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))),
 ];
 
@@ -105,9 +109,10 @@ fn cross() -> Outcome {
         lint(toolchain.cargo("clippy").args(board.cargo_args()))?;
         board.check(&board.build(toolchain)?, Vec::new())
     };
-    let outcomes = BOARDS.iter().map(check);
-    let faults: Vec<String> = outcomes.filter_map(|outcome| Some(outcome.err()?.to_string())).collect();
-    if faults.is_empty() { Ok(()) } else { Err(Failure::Failed(faults.join("\n"))) }
+    process::all(BOARDS.iter().map(check))?;
+    // That it links is the proof.
+    lint(toolchain.cargo("clippy").args(STEP_PROOF.cargo_args()))?;
+    STEP_PROOF.build(toolchain).map(drop)
 }
 
 /// How many tests have been run, by what libtest says of each program.

@@ -15,7 +15,8 @@ Usage: cargo xtask firmware --board NAME [--size] [--proof] [--root FUNCTION] [-
 
 Builds the flight code's image for a board and prints where it lies.
 
-  --board NAME     stm32f405: the flight board; emulated: the same chip in the emulator
+  --board NAME     stm32f405: the flight board; emulated: the same chip in the emulator; or
+                   step_proof: no board, but an image that links only if the flight code cannot panic
   --size           also print the flash and RAM that the image takes of the board's memory and of
                    its budget in firmware/budgets.toml
   --proof          also read in the image how much stack a step of the flight code takes at most, and fail
@@ -38,14 +39,17 @@ pub(crate) struct Board {
 pub(crate) const BOARDS: [Board; 2] = [Board { name: "stm32f405", memory: "memory.x" }, EMULATED];
 
 /// The figure of a stack measured by running an image, all but variables.
-const STACK_MEASURED: &str = "stack_bytes";
+pub(crate) const STACK_MEASURED: &str = "stack_bytes";
 
 /// The board that whole missions are flown on without hardware.
 pub(crate) const EMULATED: Board = Board { name: "emulated", memory: "memory.x" };
 
+/// No board, though built like one: an image that links only if the flight code cannot panic.
+pub(crate) const STEP_PROOF: Board = Board { name: "step_proof", memory: "memory.x" };
+
 impl Board {
     fn named(name: &str) -> Outcome<&'static Self> {
-        BOARDS.iter().find(|board| board.name == name).ok_or_else(|| {
+        BOARDS.iter().chain([&STEP_PROOF]).find(|board| board.name == name).ok_or_else(|| {
             let known: Vec<_> = BOARDS.iter().map(|board| board.name).collect();
             Failure::Usage(format!("unknown board `{name}`; known: {}", known.join(", ")))
         })
@@ -119,6 +123,9 @@ impl Board {
 /// `cargo xtask firmware`.
 pub(crate) fn run(args: &[String]) -> Outcome {
     let Request { board, with_size, with_proof, root, figures } = parse(args)?;
+    if board.name == STEP_PROOF.name && (with_size || with_proof || root.is_some() || figures.is_some()) {
+        return Err(Failure::Usage(format!("{} is never run: that it links is all it says", board.name)));
+    }
     let path = board.build(toolchain()?)?;
     println!("{}", path.display());
     if let Some(root) = root {

@@ -41,7 +41,12 @@ const SUBCOMMANDS: [Subcommand; 4] = [
         help: firmware::HELP,
         run: firmware::run,
     },
-    Subcommand { name: "bench", summary: "run the benches", help: bench::HELP, run: bench::run },
+    Subcommand {
+        name: "bench",
+        summary: "run the benches, or hold the boards against their budgets",
+        help: bench::HELP,
+        run: bench::run,
+    },
 ];
 
 fn main() -> ExitCode {
@@ -111,6 +116,7 @@ mod tests {
             &["firmware", "stm32f405"],
             &["firmware", "--board"],
             &["firmware", "--board", "toaster"],
+            &["firmware", "--board", "step_proof", "--size"],
             &["firmware", "--board", "stm32f405", "--board", "stm32f405"],
         ] {
             assert_eq!(exit_status(words), 2, "{words:?}");

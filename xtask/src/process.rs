@@ -64,6 +64,12 @@ pub(crate) fn run(command: &mut Command) -> Outcome {
     if status.success() { Ok(()) } else { Err(Failure::Failed(format!("`{}`: {status}", shown(command)))) }
 }
 
+/// All of them succeeded, or what failed of each.
+pub(crate) fn all(outcomes: impl Iterator<Item = Outcome>) -> Outcome {
+    let faults: Vec<String> = outcomes.filter_map(|outcome| Some(outcome.err()?.to_string())).collect();
+    if faults.is_empty() { Ok(()) } else { Err(Failure::Failed(faults.join("\n"))) }
+}
+
 /// What `command` prints, when it can be run and succeeds.
 pub(crate) fn answer(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;

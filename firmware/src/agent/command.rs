@@ -3,7 +3,7 @@
 use super::{FlightAgent, flight::Mission, upload::Incomplete};
 use crate::{Vec3, io::Outputs};
 use skyroost_protocol::{
-    message::{AckStatus, Command, FlightPhase, Up},
+    message::{AckStatus, Command, FlightPhase, MissionHeader, Up},
     units::{CommandId, m_from_mm},
 };
 
@@ -42,6 +42,8 @@ impl FlightAgent {
                     return AckStatus::WrongPhase;
                 }
                 match self.upload.complete(*mission, *lanes_crc, &mut self.lanes) {
+                    // As it is ready already: laying lanes takes most of a step, and is not to be had twice in one.
+                    Ok(header) if self.is_ready(&header) => AckStatus::Accepted,
                     Ok(header) => match Mission::new(self.config.id, &header, &mut self.lanes) {
                         Some(ready) => {
                             self.mission = Some(ready);
@@ -90,5 +92,10 @@ impl FlightAgent {
                 AckStatus::Accepted
             }
         }
+    }
+
+    /// Whether this mission is committed and its lanes are laid.
+    fn is_ready(&self, header: &MissionHeader) -> bool {
+        !self.lanes.is_empty() && self.mission.as_ref().is_some_and(|ready| ready.header == *header)
     }
 }

@@ -3,7 +3,7 @@
 use crate::{counters::Counters, io::SrsGate};
 use heapless::Vec;
 use skyroost_protocol::{
-    message::SrsRequest,
+    message::{MAX_SRS_PER_REQUEST, SrsRequest},
     units::{DroneId, OccasionId, TimePs, UserId},
 };
 
@@ -38,6 +38,7 @@ struct Pending {
 }
 
 const _: () = assert!(size_of::<Pending>() == 20);
+const _: () = assert!(MAX_SRS_PER_REQUEST <= 32, "a bit for each in `Occasions::known_from`");
 
 impl Pending {
     const fn new(announced: &Announced) -> Self {
@@ -74,17 +75,27 @@ impl Occasions {
 
     /// Takes in a request; entries whose time has passed or that do not fit are counted.
     pub fn announce(&mut self, now: TimePs, request: &SrsRequest, counters: &mut Counters) {
+        let known = self.known_from(request.first_occasion);
         let (mut at, mut occasion) = (request.start, request.first_occasion);
-        for entry in &request.entries {
+        for (index, entry) in request.entries.iter().enumerate() {
             let announced = Announced { occasion, user: entry.user, serving: entry.serving, at };
             if at < now {
                 Counters::count(&mut counters.srs_late);
-            } else if self.get(occasion).is_none() && self.pending.push(Pending::new(&announced)).is_err() {
+            } else if known >> index & 1 == 0 && self.pending.push(Pending::new(&announced)).is_err() {
                 Counters::count(&mut counters.srs_overflowed);
             }
             at = at.after(request.spacing);
             occasion = OccasionId(occasion.0.wrapping_add(1));
         }
+    }
+
+    /// Which of the occasions from `first` on are known, a bit for each: one look at the table for all
+    /// entries of a request, whose occasions are distinct.
+    fn known_from(&self, first: OccasionId) -> u32 {
+        let offsets = self.pending.iter().map(|p| p.occasion.0.wrapping_sub(first.0));
+        offsets
+            .filter(|offset| *offset < MAX_SRS_PER_REQUEST as u32)
+            .fold(0, |known, offset| known | 1 << offset)
     }
 
     /// Asks `open` for the gates that are due, until it has no more room, and forgets what is over.

@@ -169,12 +169,14 @@ impl Pairing {
 
     /// Makes room: the oldest occasion goes, of those already reported if there is one.
     fn evict(&mut self) {
-        let reported = self.pending.iter().find(|pending| pending.reported);
+        let reported = self.pending.iter().position(|pending| pending.reported);
         if reported.is_none() {
             count(&mut self.counters.evicted, 1);
         }
-        let victim = reported.or_else(|| self.pending.first()).map(|pending| pending.occasion);
-        self.pending.retain(|pending| Some(pending.occasion) != victim);
+        let victim = reported.unwrap_or(0);
+        if victim < self.pending.len() {
+            self.pending.remove(victim); // in one move, where `retain` looks at each
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::{
     control::{area::AreaError, mission::MissionError, sweep::SweepError},
-    fleet::{Backend, BackendError, BoardError, ImageError},
+    fleet::{Backend, BackendError, BoardError, BoardReport, ImageError},
     geometry::polygon::{Polygon, PolygonError},
     recording::Recording,
     report::{
@@ -71,6 +71,8 @@ pub struct Outcome {
     /// Where the wall-clock time of the flight went: parts and their shares, summing to 1. Not part of the
     /// results, as it differs from run to run.
     pub shares: Vec<(&'static str, f64)>,
+    /// How the boards fared, by id. Not part of the results, as it differs from backend to backend.
+    pub boards: Vec<BoardReport>,
 }
 
 impl Outcome {

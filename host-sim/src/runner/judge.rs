@@ -82,7 +82,7 @@ pub(super) fn outcome(
         phases: flight.phases,
         drones: flight.tracks,
     };
-    Ok(Outcome { summary, recording, shares: Vec::new() })
+    Ok(Outcome { summary, recording, shares: Vec::new(), boards: Vec::new() })
 }
 
 /// The boards that the flight code ran on.

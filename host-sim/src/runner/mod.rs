@@ -62,9 +62,9 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
         let mut flight = Flight::new(input, &setup, &hangar, options.backend.is_remote())?;
         flight.run(input, options)?;
         flight.reports = flight.board_reports()?;
-        let (simulated_s, shares) = (flight.now_s(), flight.shares());
+        let (simulated_s, shares, boards) = (flight.now_s(), flight.shares(), flight.reports.clone());
         let mut outcome = judge::outcome(input, &setup, options.backend.name(), flight)?;
-        outcome.shares = shares;
+        (outcome.shares, outcome.boards) = (shares, boards);
         outcome.finish(&input.scenario, simulated_s, started.elapsed());
         Ok(outcome)
     })
