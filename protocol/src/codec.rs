@@ -103,6 +103,21 @@ pub fn encode<B: Body>(stamp: &Stamp, body: &B) -> Result<Frame, EncodeError> {
 /// # Errors
 /// [`DecodeError`] says what is wrong with the bytes.
 pub fn decode(bytes: &[u8]) -> Result<(Header, Message), DecodeError> {
+    let (header, body) = split(bytes)?;
+    let message = match header.kind {
+        Kind::Up => Message::Up(decode_body(body)?),
+        Kind::Down => Message::Down(decode_body(body)?),
+        Kind::Peer => Message::Peer(decode_body(body)?),
+    };
+    Ok((header, message))
+}
+
+/// Header and body of a complete frame. For receivers that want some kinds of message only, and spare
+/// themselves the decoders of the others.
+///
+/// # Errors
+/// [`DecodeError`] says what is wrong with the bytes, the body's own left aside.
+pub fn split(bytes: &[u8]) -> Result<(Header, &[u8]), DecodeError> {
     let header = Header::read(bytes)?;
     let body_len = usize::from(header.body_len);
     if body_len > MAX_BODY {
@@ -119,13 +134,7 @@ pub fn decode(bytes: &[u8]) -> Result<(Header, Message), DecodeError> {
     if tagged {
         return Err(DecodeError::TagUnsupported);
     }
-    let body = bytes.get(HEADER_LEN..).ok_or(DecodeError::Truncated)?;
-    let message = match header.kind {
-        Kind::Up => Message::Up(decode_body(body)?),
-        Kind::Down => Message::Down(decode_body(body)?),
-        Kind::Peer => Message::Peer(decode_body(body)?),
-    };
-    Ok((header, message))
+    Ok((header, bytes.get(HEADER_LEN..).ok_or(DecodeError::Truncated)?))
 }
 
 /// The message that is exactly `body`.
@@ -133,7 +142,10 @@ pub fn decode(bytes: &[u8]) -> Result<(Header, Message), DecodeError> {
 /// Postcard itself also reads varints padded with zeros, and lengths padded further on a 64-bit host than
 /// on a board. Padding makes the encoding longer and nothing else does, so the length tells: host and
 /// board accept the same bytes, and only those they would send.
-fn decode_body<B: Body>(body: &[u8]) -> Result<B, DecodeError> {
+///
+/// # Errors
+/// [`DecodeError::Body`].
+pub fn decode_body<B: Body>(body: &[u8]) -> Result<B, DecodeError> {
     let Ok((message, [])) = postcard::take_from_bytes(body) else {
         return Err(DecodeError::Body);
     };

@@ -6,7 +6,9 @@ use crate::{
     io::{Inputs, Outputs},
 };
 use skyroost_protocol::{
-    codec::{Message, decode},
+    codec::{decode_body, split},
+    error::DecodeError,
+    header::Kind,
     message::{AckStatus, Down, Peer},
     session::Receiver,
     units::{CommandId, DroneId, TimePs, m_from_mm},
@@ -44,33 +46,62 @@ impl Links {
     }
 }
 
+/// Why a frame was not taken in.
+enum Fault {
+    /// It does not decode.
+    Rejected,
+    /// Seen before, or too old.
+    Repeated,
+    /// Nothing that this link should carry.
+    Unexpected,
+}
+
+impl From<DecodeError> for Fault {
+    fn from(_: DecodeError) -> Self {
+        Self::Rejected
+    }
+}
+
 impl FlightAgent {
     /// Takes in all frames of this step.
     pub(super) fn receive(&mut self, now: TimePs, inputs: &Inputs, outputs: &mut Outputs) {
         for frame in &inputs.frames {
-            match decode(frame) {
-                Ok((header, Message::Down(message))) if header.sender == DroneId::CONTROL => {
-                    if self.links.control.accept(&header).is_accepted() {
-                        self.links.control_heard = now;
-                        self.on_down(now, &message, outputs);
-                    } else {
-                        Counters::count(&mut self.counters.frames_repeated);
-                    }
-                }
-                Ok((header, Message::Peer(message))) => {
-                    match self.mate(header.sender).map(|receiver| receiver.accept(&header).is_accepted()) {
-                        Some(true) => self.on_peer(now, header.sender, &message),
-                        Some(false) => Counters::count(&mut self.counters.frames_repeated),
-                        None => Counters::count(&mut self.counters.frames_unexpected),
-                    }
-                }
-                Ok(_) => Counters::count(&mut self.counters.frames_unexpected),
-                Err(_) => Counters::count(&mut self.counters.frames_rejected),
-            }
+            let Err(fault) = self.receive_frame(now, frame, outputs) else { continue };
+            let counters = &mut self.counters;
+            Counters::count(match fault {
+                Fault::Rejected => &mut counters.frames_rejected,
+                Fault::Repeated => &mut counters.frames_repeated,
+                Fault::Unexpected => &mut counters.frames_unexpected,
+            });
         }
         if !inputs.attached.is_empty() {
             self.transmitter.attached(now, &inputs.attached, outputs, &mut self.counters);
         }
+    }
+
+    fn receive_frame(&mut self, now: TimePs, frame: &[u8], outputs: &mut Outputs) -> Result<(), Fault> {
+        let (header, body) = split(frame)?;
+        match header.kind {
+            Kind::Down if header.sender == DroneId::CONTROL => {
+                let message = decode_body(body)?;
+                if !self.links.control.accept(&header).is_accepted() {
+                    return Err(Fault::Repeated);
+                }
+                self.links.control_heard = now;
+                self.on_down(now, &message, outputs);
+            }
+            Kind::Peer => {
+                let message = decode_body(body)?;
+                let receiver = self.mate(header.sender).ok_or(Fault::Unexpected)?;
+                if !receiver.accept(&header).is_accepted() {
+                    return Err(Fault::Repeated);
+                }
+                self.on_peer(now, header.sender, &message);
+            }
+            // What drones tell the control center is not even decoded: boards carry no code for it.
+            Kind::Down | Kind::Up => return Err(Fault::Unexpected),
+        }
+        Ok(())
     }
 
     /// The sequence window of a fleet mate; none for anybody else.

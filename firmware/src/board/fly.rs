@@ -24,9 +24,9 @@ impl Shell {
         act: impl FnOnce(&mut B, &Outputs),
     ) -> u32 {
         let mut core = self.core.lock().await;
-        sense(board, &mut core.inputs);
+        sense(board, core.inputs);
         let cost = core.step(now, stopwatch);
-        act(board, &core.outputs);
+        act(board, core.outputs);
         cost
     }
 }

@@ -29,6 +29,7 @@ use skyroost_protocol::{
     stream::StreamFrame,
     units::{DroneId, TimePs},
 };
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// Bytes of a bus that may wait for their task.
 pub const BUS_PIPE: usize = 512;
@@ -60,29 +61,32 @@ pub trait Stopwatch {
 
 /// The flight code and what goes in and out of it.
 pub(super) struct Core {
-    pub(super) agent: FlightAgent,
-    pub(super) inputs: Inputs,
-    pub(super) outputs: Outputs,
+    pub(super) agent: &'static mut FlightAgent,
+    pub(super) inputs: &'static mut Inputs,
+    pub(super) outputs: &'static mut Outputs,
     radio: RadioIntake,
 }
 
-impl Default for Shell {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+/// An agent, its inputs and its outputs, each in a static of its own: what is all zeros at the start takes no flash,
+/// and nothing is ever made on the stack.
+static AGENT: ConstStaticCell<FlightAgent> =
+    ConstStaticCell::new(FlightAgent::new(AgentConfig::new(DroneId(1))));
+static INPUTS: ConstStaticCell<Inputs> = ConstStaticCell::new(Inputs::new());
+static OUTPUTS: ConstStaticCell<Outputs> = ConstStaticCell::new(Outputs::new());
 
 impl Shell {
-    /// A board that is nobody yet.
+    /// The board's only shell, which is nobody yet; none when there is one already.
     #[must_use]
-    pub const fn new() -> Self {
+    pub fn the_only() -> Option<&'static Self> {
+        static SHELL: StaticCell<Shell> = StaticCell::new();
+        let (agent, inputs, outputs) = (AGENT.try_take()?, INPUTS.try_take()?, OUTPUTS.try_take()?);
+        let core = Core { agent, inputs, outputs, radio: RadioIntake::new() };
+        Some(SHELL.try_uninit()?.write(Self::new(core)))
+    }
+
+    fn new(core: Core) -> Self {
         Self {
-            core: Mutex::new(Core {
-                agent: FlightAgent::new(AgentConfig::new(DroneId(1))),
-                inputs: Inputs::new(),
-                outputs: Outputs::new(),
-                radio: RadioIntake::new(),
-            }),
+            core: Mutex::new(core),
             bus_in: Pipe::new(),
             bus_out: Pipe::new(),
             radio_in: Pipe::new(),
@@ -103,7 +107,7 @@ impl Shell {
             let count = self.bus_in.read(&mut bytes).await;
             let mut rest = bytes.get(..count).unwrap_or(&[]);
             while !rest.is_empty() {
-                let (taken, ask) = lockstep.take(rest, &mut self.core.lock().await.inputs);
+                let (taken, ask) = lockstep.take(rest, self.core.lock().await.inputs);
                 rest = rest.get(taken..).unwrap_or(&[]);
                 let Some(ask) = ask else { continue };
                 match ask {
@@ -140,7 +144,7 @@ impl Shell {
 
     async fn answer(&self, lockstep: &Lockstep, have: u16, frame: &mut StreamFrame) {
         let core = self.core.lock().await;
-        let mut answer = lockstep.answer(have, &core.outputs);
+        let mut answer = lockstep.answer(have, core.outputs);
         while answer.next_frame(frame) {
             self.bus_out.write_all(frame).await;
         }
@@ -193,7 +197,7 @@ impl Core {
     pub(super) fn step(&mut self, now: TimePs, stopwatch: &impl Stopwatch) -> u32 {
         self.outputs.clear();
         let begun = stopwatch.read();
-        self.agent.step(now, &self.inputs, &mut self.outputs);
+        self.agent.step(now, self.inputs, self.outputs);
         let cost = stopwatch.since(begun);
         self.inputs.clear();
         cost

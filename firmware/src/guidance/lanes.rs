@@ -62,7 +62,7 @@ impl Corner {
             // 0.49: neighbouring fillets never meet.
             let room_m = 0.49 * lesser(before_leg_m, leg_m);
             corner.turn_rad = libm::atan2f(before.perp(&along), before.dot(&along));
-            (corner.tangent_m, corner.radius_m) = fillet(corner.turn_rad, room_m);
+            (corner.tangent_m, corner.radius_m) = fillet(before, along, room_m);
         }
         corner
     }
@@ -378,9 +378,11 @@ fn leg(from_m: Vec2, to_m: Vec2) -> (Vec2, f32) {
     (leg / leg_m, leg_m)
 }
 
-/// Tangent length and radius of the fillet for a turn, the tangent at most `room_m`.
-fn fillet(turn_rad: f32, room_m: f32) -> (f32, f32) {
-    let (sin_half, cos_half) = libm::sincosf(0.5 * libm::fabsf(turn_rad));
+/// Tangent length and radius of the fillet for a turn between two directions, the tangent at most `room_m`.
+fn fillet(before: Vec2, along: Vec2, room_m: f32) -> (f32, f32) {
+    // Of the half angle, from the chords: exact at both ends, and a tenth of what libm's trigonometry costs, which
+    // computes in f64, without hardware on a board.
+    let (sin_half, cos_half) = (0.5 * (along - before).norm(), 0.5 * (along + before).norm());
     if sin_half < 1e-4 {
         return (0.0, f32::INFINITY);
     }

@@ -50,7 +50,7 @@ unsafe fn UART4() {
 
 #[entry]
 fn main() -> ! {
-    let Some(shell) = make_shell() else { host::exit(false) };
+    let Some(shell) = Shell::the_only() else { host::exit(false) };
     let Some(mut bus) = host::Bus::open() else { host::exit(false) };
     start_stopwatch();
     interrupt::UART5.set_priority(Priority::P6);
@@ -69,13 +69,6 @@ fn main() -> ! {
     links_executor.spawn(telemetry);
     defmt::info!("skyroost {=str} on the emulated board", env!("CARGO_PKG_VERSION"));
     exchange(shell, &mut bus)
-}
-
-/// Makes what the tasks share, once. The start-up code could, but it would copy every byte from flash; and in
-/// a function of its own, what is on the stack meanwhile is gone before any task runs.
-#[inline(never)]
-fn make_shell() -> Option<&'static Shell> {
-    cortex_m::singleton!(: Shell = Shell::new()).map(|shell| &*shell)
 }
 
 /// Carries bytes between the host and the bus task for ever.

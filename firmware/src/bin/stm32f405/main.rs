@@ -62,8 +62,8 @@ unsafe fn UART4() {
 
 #[entry]
 fn main() -> ! {
-    static SHELL: Shell = Shell::new();
-    let shell = &SHELL;
+    // Taken here and nowhere else.
+    let Some(shell) = Shell::the_only() else { safe::reset(LastWords::Panic, || ()) };
     start_stopwatch();
     interrupt::UART5.set_priority(GUIDANCE_PRIORITY);
     interrupt::UART4.set_priority(LINKS_PRIORITY);
