@@ -33,19 +33,22 @@ pub(crate) struct Board {
     pub(crate) name: &'static str,
     /// The linker script with its memory, at the root of the workspace.
     memory: &'static str,
+    /// How it is optimised: `s` for what must fit, `3` for what must be fast. Either gives the same bits.
+    opt_level: &'static str,
 }
 
 /// Every board there is.
-pub(crate) const BOARDS: [Board; 2] = [Board { name: "stm32f405", memory: "memory.x" }, EMULATED];
+pub(crate) const BOARDS: [Board; 2] =
+    [Board { name: "stm32f405", memory: "memory.x", opt_level: "s" }, EMULATED];
 
 /// The figure of a stack measured by running an image, all but variables.
 pub(crate) const STACK_MEASURED: &str = "stack_bytes";
 
 /// The board that whole missions are flown on without hardware.
-pub(crate) const EMULATED: Board = Board { name: "emulated", memory: "memory.x" };
+pub(crate) const EMULATED: Board = Board { name: "emulated", memory: "memory.x", opt_level: "3" };
 
 /// No board, though built like one: an image that links only if the flight code cannot panic.
-pub(crate) const STEP_PROOF: Board = Board { name: "step_proof", memory: "memory.x" };
+pub(crate) const STEP_PROOF: Board = Board { name: "step_proof", memory: "memory.x", opt_level: "3" };
 
 impl Board {
     fn named(name: &str) -> Outcome<&'static Self> {
@@ -58,10 +61,16 @@ impl Board {
     /// What tells cargo to work on this board's image and nothing else. Only the firmware package is
     /// named: cargo joins the features of all packages it builds at once, and the host's are not fit
     /// for a board.
-    pub(crate) fn cargo_args(&self) -> [String; 5] {
-        let package = "--package=skyroost-firmware";
-        [package, "--no-default-features", "--bin", self.name, &format!("--features=board-{}", self.name)]
-            .map(String::from)
+    pub(crate) fn cargo_args(&self) -> [String; 7] {
+        [
+            "--package=skyroost-firmware".to_owned(),
+            "--no-default-features".to_owned(),
+            "--bin".to_owned(),
+            self.name.to_owned(),
+            format!("--features=board-{}", self.name),
+            "--config".to_owned(),
+            format!("profile.release.opt-level={:?}", self.opt_level),
+        ]
     }
 
     /// Builds the image and returns its path.
