@@ -60,21 +60,28 @@ pub struct QemuOptions {
 }
 
 /// Starts emulators.
-pub(crate) struct Launcher {
+pub struct Launcher {
     image: Image,
     reader: LogReader,
     log_dir: Option<PathBuf>,
 }
 
 impl Launcher {
-    pub(super) fn new(options: &QemuOptions) -> Result<Self, BackendError> {
+    /// Finds the image that is to run and reads it.
+    ///
+    /// # Errors
+    /// When there is none, or none that such a board could run.
+    pub fn new(options: &QemuOptions) -> Result<Self, BackendError> {
         let image = Image::find(options.image.as_deref())?;
         let reader = LogReader::new(&image.elf);
         Ok(Self { image, reader, log_dir: options.log_dir.clone() })
     }
 
-    /// Starts the board of a drone.
-    pub(crate) fn start(&self, config: AgentConfig) -> Result<Emulator, BoardError> {
+    /// Starts the board of a drone; it is ready for its first step.
+    ///
+    /// # Errors
+    /// When emulator or image are not what they should be.
+    pub fn start(&self, config: AgentConfig) -> Result<Emulator, BoardError> {
         let drone = config.id.0;
         let not_started =
             |what: String| BoardError { drone, fault: BoardFault::NotStarted(what), log: Vec::new() };
