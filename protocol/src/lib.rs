@@ -25,7 +25,7 @@ pub use error::{DecodeError, EncodeError, StreamError};
 pub use header::{HEADER_LEN, Header, Kind, TAG_LEN};
 pub use message::SCHEMA_HASH;
 pub use session::{Receiver, Verdict};
-pub use stream::{MAX_STREAM, StreamDecoder, StreamFrame, encode_stream};
+pub use stream::{MAX_STREAM, StreamDecoder, StreamFrame, encode_stream, encode_stream_with};
 
 /// Version of the wire format. Raised whenever the bytes of a message change.
 pub const PROTOCOL_VERSION: u8 = 1;

@@ -8,7 +8,7 @@
 use crate::codec::MAX_FRAME;
 use crate::error::StreamError;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
-use heapless::{CapacityError, Vec};
+use heapless::Vec;
 
 /// Bytes of the checksum.
 const CRC_LEN: usize = 4;
@@ -31,26 +31,53 @@ const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 /// [`StreamError::Overflow`] where `frame` is longer than [`MAX_FRAME`], [`StreamError::Runt`] where it
 /// is empty; `out` is then empty.
 pub fn encode_stream(frame: &[u8], out: &mut StreamFrame) -> Result<(), StreamError> {
-    out.clear();
     if frame.is_empty() {
+        out.clear();
         return Err(StreamError::Runt);
     }
-    if frame.len() > MAX_FRAME {
-        return Err(StreamError::Overflow);
-    }
-    write_stream(frame, out).map_err(|_| StreamError::Overflow) // cannot happen: `MAX_STREAM` bytes suffice
+    encode_stream_with(out, |out| out.extend_from_slice(frame))
 }
 
-fn write_stream(frame: &[u8], out: &mut StreamFrame) -> Result<(), CapacityError> {
-    let mut payload = Vec::<u8, MAX_PAYLOAD>::from_slice(frame)?;
-    payload.extend_from_slice(&CRC.checksum(frame).to_le_bytes())?;
-    out.extend_from_slice(&[0])?;
-    // Each run is preceded by the distance to the zero that ends it.
-    for run in payload.split(|byte| *byte == 0) {
-        out.extend_from_slice(&[run.len() as u8 + 1])?;
-        out.extend_from_slice(run)?;
+/// Replaces `out` by what `fill` appends to it, as it goes over the link: saves a copy where the frame is made
+/// on the spot. `fill` must leave alone what is in `out` already.
+///
+/// # Errors
+/// [`StreamError::Overflow`] where `fill` fails or its frame is longer than [`MAX_FRAME`]; `out` is then empty.
+pub fn encode_stream_with<E>(
+    out: &mut StreamFrame,
+    fill: impl FnOnce(&mut StreamFrame) -> Result<(), E>,
+) -> Result<(), StreamError> {
+    let written = write_stream(out, fill);
+    if written.is_none() {
+        out.clear();
     }
-    out.extend_from_slice(&[0])
+    written.ok_or(StreamError::Overflow)
+}
+
+/// The delimiter in front, and the place of the first code byte.
+const HEAD: [u8; 2] = [0, 0];
+
+fn write_stream<E>(
+    out: &mut StreamFrame,
+    fill: impl FnOnce(&mut StreamFrame) -> Result<(), E>,
+) -> Option<()> {
+    out.clear();
+    out.extend_from_slice(&HEAD).ok()?;
+    fill(out).ok()?;
+    let frame = out.get(HEAD.len()..).filter(|frame| frame.len() <= MAX_FRAME)?;
+    let crc = CRC.checksum(frame);
+    out.extend_from_slice(&crc.to_le_bytes()).ok()?;
+    // Byte-stuffing in place: each run of a payload this short is one block, so that every zero, and the
+    // place in front, becomes the distance to the next one. Seen from the end, that is the last distance.
+    let mut distance = 1_u8;
+    for byte in out.get_mut(1..)?.iter_mut().rev() {
+        if *byte == 0 {
+            *byte = distance;
+            distance = 0;
+        }
+        distance = distance.wrapping_add(1);
+    }
+    out.push(0).ok()
 }
 
 /// What arrived on a byte link so far; every count saturates.
@@ -119,53 +146,80 @@ impl StreamDecoder {
     /// A [`StreamError`] for each damaged frame; the next frame is found regardless.
     #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], StreamError>> {
-        if byte == 0 {
-            return self.finish();
-        }
-        let fits = match self.state {
-            State::Start => {
-                self.payload.clear();
-                self.state = State::Run(byte - 1);
-                Ok(())
-            }
-            State::Run(0) => {
-                // The zero between two runs.
-                self.state = State::Run(byte - 1);
-                self.payload.push(0)
-            }
-            State::Run(left) => {
-                self.state = State::Run(left - 1);
-                self.payload.push(byte)
-            }
-            State::Skip => Ok(()),
-        };
-        if fits.is_err() {
-            self.state = State::Skip;
-            return Some(Err(self.counters.refuse(StreamError::Overflow)));
-        }
-        None
+        self.take(&[byte]).1
     }
 
-    /// At a delimiter: the frame before it, if there is any.
-    fn finish(&mut self) -> Option<Result<&[u8], StreamError>> {
+    /// Takes bytes up to the end of the first frame among them; returns how many it took, and the frame or
+    /// what is wrong with it. Without a frame it takes all.
+    pub fn take(&mut self, bytes: &[u8]) -> (usize, Option<Result<&[u8], StreamError>>) {
+        let mut rest = bytes;
+        while let Some((&byte, tail)) = rest.split_first() {
+            if byte == 0 {
+                rest = tail;
+                if let Some(end) = self.finish() {
+                    let frame =
+                        self.payload.split_last_chunk::<CRC_LEN>().map_or(&[][..], |(frame, _)| frame);
+                    return (bytes.len() - rest.len(), Some(end.map(|()| frame)));
+                }
+                continue;
+            }
+            let fits = match self.state {
+                State::Start => {
+                    self.payload.clear();
+                    self.state = State::Run(byte - 1);
+                    rest = tail;
+                    true
+                }
+                State::Run(0) => {
+                    // The zero between two runs.
+                    self.state = State::Run(byte - 1);
+                    rest = tail;
+                    self.payload.push(0).is_ok()
+                }
+                State::Run(left) => {
+                    let run = rest.get(..usize::from(left)).unwrap_or(rest);
+                    let run = run
+                        .iter()
+                        .position(|byte| *byte == 0)
+                        .and_then(|zero| run.get(..zero))
+                        .unwrap_or(run);
+                    self.state = State::Run(left.wrapping_sub(run.len() as u8));
+                    rest = rest.get(run.len()..).unwrap_or(&[]);
+                    self.payload.extend_from_slice(run).is_ok()
+                }
+                State::Skip => {
+                    rest = tail;
+                    true
+                }
+            };
+            if !fits {
+                self.state = State::Skip;
+                return (bytes.len() - rest.len(), Some(Err(self.counters.refuse(StreamError::Overflow))));
+            }
+        }
+        (bytes.len(), None)
+    }
+
+    /// At a delimiter: whether there is a frame before it, and whether it is sound.
+    fn finish(&mut self) -> Option<Result<(), StreamError>> {
         let state = core::mem::replace(&mut self.state, State::Start);
         let checked = match state {
             State::Start | State::Skip => return None,
             State::Run(0) => check(&self.payload),
             State::Run(_) => Err(StreamError::Cobs),
         };
-        Some(match checked {
-            Ok(frame) => {
-                self.counters.frames = self.counters.frames.saturating_add(1);
-                Ok(frame)
+        match checked {
+            Ok(()) => self.counters.frames = self.counters.frames.saturating_add(1),
+            Err(error) => {
+                self.counters.refuse(error);
             }
-            Err(error) => Err(self.counters.refuse(error)),
-        })
+        }
+        Some(checked)
     }
 }
 
-/// The frame of a payload with the right checksum.
-fn check(payload: &[u8]) -> Result<&[u8], StreamError> {
+/// Whether a payload has the right checksum.
+fn check(payload: &[u8]) -> Result<(), StreamError> {
     let (frame, crc) = payload.split_last_chunk::<CRC_LEN>().ok_or(StreamError::Runt)?;
     if frame.is_empty() {
         return Err(StreamError::Runt);
@@ -173,7 +227,7 @@ fn check(payload: &[u8]) -> Result<&[u8], StreamError> {
     if CRC.checksum(frame) != u32::from_le_bytes(*crc) {
         return Err(StreamError::Crc);
     }
-    Ok(frame)
+    Ok(())
 }
 
 impl StreamCounters {

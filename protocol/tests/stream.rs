@@ -32,6 +32,27 @@ fn receive(bytes: &[u8]) -> (Vec<Vec<u8>>, StreamCounters) {
     (frames, counters)
 }
 
+/// The same, taking the bytes in portions of these sizes.
+fn receive_in_portions(bytes: &[u8], sizes: &[usize]) -> (Vec<Vec<u8>>, StreamCounters) {
+    let mut decoder = StreamDecoder::new();
+    let mut frames = Vec::new();
+    let mut rest = bytes;
+    for size in sizes.iter().cycle() {
+        if rest.is_empty() {
+            break;
+        }
+        let (mut portion, after) = rest.split_at((*size).min(rest.len()));
+        rest = after;
+        while !portion.is_empty() {
+            let (taken, found) = decoder.take(portion);
+            assert!(taken > 0 && (found.is_some() || taken == portion.len()));
+            frames.extend(found.and_then(Result::ok).map(<[u8]>::to_vec));
+            portion = &portion[taken..];
+        }
+    }
+    (frames, *decoder.counters())
+}
+
 /// Any frame the link carries, with more zeros and long runs than chance would give.
 fn payload() -> impl Strategy<Value = Vec<u8>> {
     let byte = prop_oneof![Just(0), Just(1), Just(255), any::<u8>()];
@@ -83,6 +104,19 @@ fn damaged(mut bytes: Vec<u8>, damage: &Damage) -> Vec<u8> {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    /// How the bytes are cut into portions makes no difference.
+    #[test]
+    fn portions_do_not_matter(
+        frames in vec((payload(), damage()), 1..8),
+        sizes in vec(1..300_usize, 1..6),
+    ) {
+        let mut bytes = Vec::new();
+        for (frame, damage) in &frames {
+            bytes.extend(damaged(stream_of(frame).to_vec(), damage));
+        }
+        prop_assert_eq!(receive_in_portions(&bytes, &sizes), receive(&bytes));
+    }
 
     /// The `cobs` crate, and a bitwise CRC, agree with what is sent.
     #[test]

@@ -81,7 +81,8 @@ impl Toolchain {
                 command
             }
         };
-        without(&mut command, &HOST_FLAGS).args(["--locked", "--release"]);
+        // defmt's own default is errors only.
+        without(&mut command, &HOST_FLAGS).env("DEFMT_LOG", "info").args(["--locked", "--release"]);
         command
     }
 }

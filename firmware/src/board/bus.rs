@@ -24,11 +24,10 @@ use crate::{
     srs::clock::TickRate,
 };
 use heapless::Vec;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 use skyroost_protocol::{
-    codec::MAX_FRAME,
     message::AttachedUser,
-    stream::{StreamFrame, encode_stream},
+    stream::{StreamFrame, encode_stream_with},
     units::{DroneId, OccasionId, TimePs, UserId},
 };
 
@@ -46,7 +45,7 @@ pub const MAX_GATES_PART: usize = 4;
 
 /// Host to board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum ToBoard {
+pub enum ToBoard<'a> {
     /// Forget everything and be the drone of this configuration.
     Begin(Begin),
     /// Part `index` of what is sensed in step `step`.
@@ -56,7 +55,8 @@ pub enum ToBoard {
         /// Number of the part in the step, from 0.
         index: u16,
         /// The part.
-        part: SensePart,
+        #[serde(borrow)]
+        part: SensePart<'a>,
     },
     /// Do step `step` once all its parts are there; answer from part `have` on.
     Step {
@@ -199,9 +199,9 @@ impl From<WireNav> for NavFix {
 
 /// What only some steps sense.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum SensePart {
-    /// Bytes that came over the radio; a frame may go on in the next part.
-    Radio(Vec<u8, MAX_RADIO_PART>),
+pub enum SensePart<'a> {
+    /// Bytes that came over the radio, at most [`MAX_RADIO_PART`]; a frame may go on in the next part.
+    Radio(#[serde(serialize_with = "as_bytes")] &'a [u8]),
     /// Captures of the SRS timer.
     Captures(Vec<WireCapture, MAX_CAPTURES_PART>),
     /// Users that the cell hears.
@@ -229,7 +229,7 @@ impl From<WireCapture> for Capture {
 
 /// Board to host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum FromBoard {
+pub enum FromBoard<'a> {
     /// The board is the drone asked for; or it is nobody (id 0), as the host speaks another version of
     /// the bus or of the radio.
     Ready {
@@ -258,7 +258,8 @@ pub enum FromBoard {
         /// Number of the part in the answer, from 0.
         index: u16,
         /// The part.
-        part: ActPart,
+        #[serde(borrow)]
+        part: ActPart<'a>,
     },
     /// Step `step` is done and its answer complete with `parts` parts.
     Done {
@@ -288,9 +289,9 @@ pub enum Refusal {
 
 /// What only some steps do.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum ActPart {
-    /// Bytes for the radio; a frame may go on in the next part.
-    Radio(Vec<u8, MAX_RADIO_PART>),
+pub enum ActPart<'a> {
+    /// Bytes for the radio, at most [`MAX_RADIO_PART`]; a frame may go on in the next part.
+    Radio(#[serde(serialize_with = "as_bytes")] &'a [u8]),
     /// SRS occasions to listen to.
     Gates(Vec<WireGate, MAX_GATES_PART>),
 }
@@ -366,14 +367,34 @@ pub struct LinkCounters {
     pub inputs_overflowed: u32,
 }
 
-/// `message` as it goes over the bus; none if it is longer than any frame, which none is.
-#[must_use]
-pub fn encode<T: Serialize>(message: &T) -> Option<StreamFrame> {
-    let mut payload = [0; MAX_FRAME];
-    let payload = postcard::to_slice(message, &mut payload).ok()?;
-    let mut frame = StreamFrame::new();
-    encode_stream(payload, &mut frame).ok()?;
-    Some(frame)
+/// In one piece, where a sequence of numbers would go one by one; the bytes are the same.
+fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_bytes(bytes)
+}
+
+/// Replaces `frame` by `message` as it goes over the bus. Returns whether it fits: every message within its
+/// bounds does; where one does not, `frame` is empty.
+pub fn encode<T: Serialize>(message: &T, frame: &mut StreamFrame) -> bool {
+    encode_stream_with(frame, |frame| postcard::serialize_with_flavor(message, Append(frame))).is_ok()
+}
+
+/// Lets postcard append to a frame.
+struct Append<'a>(&'a mut StreamFrame);
+
+impl postcard::ser_flavors::Flavor for Append<'_> {
+    type Output = ();
+
+    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
+        self.0.push(byte).map_err(|_| postcard::Error::SerializeBufferFull)
+    }
+
+    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
+        self.0.extend_from_slice(bytes).map_err(|_| postcard::Error::SerializeBufferFull)
+    }
+
+    fn finalize(self) -> postcard::Result<()> {
+        Ok(())
+    }
 }
 
 /// The message in what [`StreamDecoder`](skyroost_protocol::stream::StreamDecoder) found; none when it is not
@@ -391,22 +412,20 @@ mod tests {
     use super::*;
     use skyroost_protocol::stream::StreamDecoder;
 
-    fn through<T: Serialize + for<'a> Deserialize<'a>>(message: &T) -> T {
-        let frame = encode(message).expect("fits");
+    /// What arrives where `message` was sent.
+    fn payload_of<T: Serialize>(message: &T) -> std::vec::Vec<u8> {
+        let mut frame = StreamFrame::new();
+        assert!(encode(message, &mut frame), "fits");
         let mut decoder = StreamDecoder::new();
-        let mut found = None;
-        for &byte in &frame {
-            if let Some(payload) = decoder.push(byte) {
-                found = decode(payload.expect("undamaged"));
-            }
-        }
-        found.expect("a message")
+        let (taken, found) = decoder.take(&frame);
+        assert_eq!(taken, frame.len());
+        found.expect("a frame").expect("undamaged").to_vec()
     }
 
     #[test]
     fn the_longest_messages_fit_a_frame() {
         let longest = [
-            SensePart::Radio(Vec::from_slice(&[0xff; MAX_RADIO_PART]).unwrap()),
+            SensePart::Radio(&[0xff; MAX_RADIO_PART]),
             SensePart::Captures(
                 [WireCapture { occasion: OccasionId(u32::MAX), ticks: u32::MAX }; MAX_CAPTURES_PART].into(),
             ),
@@ -416,7 +435,7 @@ mod tests {
         ];
         for part in longest {
             let message = ToBoard::Sense { step: u32::MAX, index: u16::MAX, part };
-            assert_eq!(through(&message), message);
+            assert_eq!(decode(&payload_of(&message)), Some(message));
         }
         let gate = WireGate {
             occasion: OccasionId(u32::MAX),
@@ -424,12 +443,9 @@ mod tests {
             at: TimePs(i64::MIN),
             grant: true,
         };
-        for part in [
-            ActPart::Radio(Vec::from_slice(&[0; MAX_RADIO_PART]).unwrap()),
-            ActPart::Gates([gate; MAX_GATES_PART].into()),
-        ] {
+        for part in [ActPart::Radio(&[0; MAX_RADIO_PART]), ActPart::Gates([gate; MAX_GATES_PART].into())] {
             let message = FromBoard::Act { step: u32::MAX, index: u16::MAX, part };
-            assert_eq!(through(&message), message);
+            assert_eq!(decode(&payload_of(&message)), Some(message));
         }
         let link = LinkCounters {
             bus_damaged: u32::MAX,
@@ -445,7 +461,7 @@ mod tests {
             worst_step_cost: u32::MAX,
             stack_used: u32::MAX,
         };
-        assert_eq!(through(&FromBoard::Report(report)), FromBoard::Report(report));
+        assert_eq!(decode(&payload_of(&FromBoard::Report(report))), Some(FromBoard::Report(report)));
     }
 
     #[test]

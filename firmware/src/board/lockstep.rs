@@ -9,7 +9,6 @@ use crate::{
     counters::Counters,
     io::{Inputs, Outputs},
 };
-use heapless::Vec;
 use skyroost_protocol::{
     SCHEMA_HASH,
     codec::Frame,
@@ -19,11 +18,11 @@ use skyroost_protocol::{
 
 /// What the host asks of the board.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Ask {
+pub enum Ask<'a> {
     /// Be this drone, then [`Lockstep::begun`] says what to answer.
     Begin(AgentConfig),
     /// These bytes came over the radio.
-    Radio(Vec<u8, MAX_RADIO_PART>),
+    Radio(&'a [u8]),
     /// All inputs of a step are there: do it, call [`Lockstep::stepped`], and answer from this part on.
     Step {
         /// GNSS time since the mission's epoch.
@@ -37,7 +36,7 @@ pub enum Ask {
         have: u16,
     },
     /// Nothing to do but to say this.
-    Say(FromBoard),
+    Say(FromBoard<'a>),
     /// Say [`Lockstep::report`].
     Report,
 }
@@ -46,6 +45,12 @@ pub enum Ask {
 #[derive(Clone, Debug)]
 pub struct Lockstep {
     decoder: StreamDecoder,
+    steps: Steps,
+}
+
+/// Where the board is in the flight.
+#[derive(Clone, Debug)]
+struct Steps {
     begun: Option<AgentConfig>,
     radio_part: usize,
     /// The last step done.
@@ -67,39 +72,80 @@ impl Lockstep {
     /// A board that is nobody yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            decoder: StreamDecoder::new(),
-            begun: None,
-            radio_part: MAX_RADIO_PART,
-            done: 0,
-            next: 0,
-            link: LinkCounters {
-                bus_damaged: 0,
-                bus_out_of_order: 0,
-                bus_repeated: 0,
-                radio_damaged: 0,
-                inputs_overflowed: 0,
-            },
-            cost: 0,
-            worst_cost: 0,
+        let link = LinkCounters {
+            bus_damaged: 0,
+            bus_out_of_order: 0,
+            bus_repeated: 0,
+            radio_damaged: 0,
+            inputs_overflowed: 0,
+        };
+        let (radio_part, done, next, cost, worst_cost) = (MAX_RADIO_PART, 0, 0, 0, 0);
+        let steps = Steps { begun: None, radio_part, done, next, link, cost, worst_cost };
+        Self { decoder: StreamDecoder::new(), steps }
+    }
+
+    /// Takes bytes of the bus up to the end of the first message among them; returns how many it took. What
+    /// the message brings goes into `inputs`, but for the radio's bytes.
+    pub fn take(&mut self, bytes: &[u8], inputs: &mut Inputs) -> (usize, Option<Ask<'_>>) {
+        let (taken, found) = self.decoder.take(bytes);
+        let ask = found.and_then(|found| match found.ok().and_then(decode) {
+            Some(message) => self.steps.on_message(message, inputs),
+            None => {
+                Counters::count(&mut self.steps.link.bus_damaged);
+                Some(Ask::Say(FromBoard::Damaged))
+            }
+        });
+        (taken, ask)
+    }
+
+    /// The answer to [`Ask::Begin`].
+    #[must_use]
+    pub fn begun(&self) -> Option<FromBoard<'static>> {
+        Some(ready(self.steps.begun?.id))
+    }
+
+    /// The step asked for is done, at this cost.
+    pub fn stepped(&mut self, cost: u32) {
+        self.steps.cost = cost;
+        self.steps.worst_cost = self.steps.worst_cost.max(cost);
+    }
+
+    /// The answer to the last step, from part `have` on, frame by frame.
+    #[must_use]
+    pub fn answer<'a>(&self, have: u16, outputs: &'a Outputs) -> Answer<'a> {
+        Answer {
+            step: self.steps.done,
+            have,
+            index: 0,
+            cost: self.steps.cost,
+            radio_part: self.steps.radio_part,
+            frame: 0,
+            stream: StreamFrame::new(),
+            sent: 0,
+            gates: 0,
+            done: false,
+            outputs,
         }
     }
 
-    /// Takes the next byte of the bus. What it completes goes into `inputs`, but for the radio's bytes.
-    pub fn push(&mut self, byte: u8, inputs: &mut Inputs) -> Option<Ask> {
-        // Most bytes complete nothing.
-        let message = match self.decoder.push(byte)? {
-            Ok(payload) => decode(payload),
-            Err(_) => None,
-        };
-        let Some(message) = message else {
-            Counters::count(&mut self.link.bus_damaged);
-            return Some(Ask::Say(FromBoard::Damaged));
-        };
-        self.on_message(message, inputs)
+    /// How the board fared; the agent's own counts and the radio's come from outside.
+    #[must_use]
+    pub fn report(&self, counters: &Counters, radio: &RadioIntake, stack_used: u32) -> FromBoard<'static> {
+        let mut link = self.steps.link;
+        link.radio_damaged = radio.damaged;
+        link.inputs_overflowed = link.inputs_overflowed.saturating_add(radio.overflowed);
+        FromBoard::Report(Report {
+            counters: counters.to_array(),
+            link,
+            steps: self.steps.done,
+            worst_step_cost: self.steps.worst_cost,
+            stack_used,
+        })
     }
+}
 
-    fn on_message(&mut self, message: ToBoard, inputs: &mut Inputs) -> Option<Ask> {
+impl Steps {
+    fn on_message<'a>(&mut self, message: ToBoard<'a>, inputs: &mut Inputs) -> Option<Ask<'a>> {
         let refuse = |refusal| Some(Ask::Say(FromBoard::Refused(refusal)));
         match message {
             ToBoard::Begin(begin) => {
@@ -144,7 +190,7 @@ impl Lockstep {
         }
     }
 
-    fn sense(&mut self, part: SensePart, inputs: &mut Inputs) -> Option<Ask> {
+    fn sense<'a>(&mut self, part: SensePart<'a>, inputs: &mut Inputs) -> Option<Ask<'a>> {
         let overflowed = &mut self.link.inputs_overflowed;
         match part {
             SensePart::Radio(bytes) => return Some(Ask::Radio(bytes)),
@@ -165,57 +211,12 @@ impl Lockstep {
         }
         None
     }
-
-    /// The answer to [`Ask::Begin`].
-    #[must_use]
-    pub fn begun(&self) -> Option<FromBoard> {
-        Some(ready(self.begun?.id))
-    }
-
-    /// The step asked for is done, at this cost.
-    pub fn stepped(&mut self, cost: u32) {
-        self.cost = cost;
-        self.worst_cost = self.worst_cost.max(cost);
-    }
-
-    /// The answer to the last step, from part `have` on, frame by frame.
-    #[must_use]
-    pub fn answer<'a>(&self, have: u16, outputs: &'a Outputs) -> Answer<'a> {
-        Answer {
-            step: self.done,
-            have,
-            index: 0,
-            cost: self.cost,
-            radio_part: self.radio_part,
-            frame: 0,
-            stream: StreamFrame::new(),
-            sent: 0,
-            gates: 0,
-            done: false,
-            outputs,
-        }
-    }
-
-    /// How the board fared; the agent's own counts and the radio's come from outside.
-    #[must_use]
-    pub fn report(&self, counters: &Counters, radio: &RadioIntake, stack_used: u32) -> FromBoard {
-        let mut link = self.link;
-        link.radio_damaged = radio.damaged;
-        link.inputs_overflowed = link.inputs_overflowed.saturating_add(radio.overflowed);
-        FromBoard::Report(Report {
-            counters: counters.to_array(),
-            link,
-            steps: self.done,
-            worst_step_cost: self.worst_cost,
-            stack_used,
-        })
-    }
 }
 
 /// The id of a board that is no drone.
 const NOBODY: DroneId = DroneId(0);
 
-const fn ready(id: DroneId) -> FromBoard {
+const fn ready(id: DroneId) -> FromBoard<'static> {
     FromBoard::Ready { bus_version: BUS_VERSION, schema_hash: SCHEMA_HASH, id }
 }
 
@@ -241,7 +242,30 @@ pub struct Answer<'a> {
 }
 
 impl Answer<'_> {
-    fn next_part(&mut self) -> Option<ActPart> {
+    /// Replaces `frame` by the next frame of the answer; false after the last.
+    pub fn next_frame(&mut self, frame: &mut StreamFrame) -> bool {
+        let (step, have, cost) = (self.step, self.have, self.cost);
+        while !self.done {
+            let index = self.index;
+            let outputs = self.outputs;
+            let Some(part) = self.next_part() else {
+                self.done = true;
+                let setpoint = outputs.setpoint.into();
+                return encode(&FromBoard::Done { step, parts: index, setpoint, cost }, frame);
+            };
+            let wanted = index >= have;
+            if wanted {
+                encode(&FromBoard::Act { step, index, part }, frame);
+            }
+            self.index = index.saturating_add(1);
+            if wanted {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn next_part(&mut self) -> Option<ActPart<'_>> {
         while self.sent == self.stream.len() {
             let Some(frame) = self.outputs.uplink.iter().chain(&self.outputs.peer).nth(self.frame) else {
                 return self.next_gates();
@@ -254,35 +278,14 @@ impl Answer<'_> {
         let rest = self.stream.get(self.sent..).unwrap_or(&[]);
         let bytes = rest.get(..self.radio_part).unwrap_or(rest);
         self.sent += bytes.len();
-        Some(ActPart::Radio(Vec::from_slice(bytes).ok()?))
+        Some(ActPart::Radio(bytes))
     }
 
-    fn next_gates(&mut self) -> Option<ActPart> {
+    fn next_gates(&mut self) -> Option<ActPart<'static>> {
         let rest = self.outputs.srs_gates.get(self.gates..).unwrap_or(&[]);
         let page = rest.chunks(MAX_GATES_PART).next()?;
         self.gates += page.len();
         Some(ActPart::Gates(page.iter().copied().map(Into::into).collect()))
-    }
-}
-
-impl Iterator for Answer<'_> {
-    type Item = StreamFrame;
-
-    fn next(&mut self) -> Option<StreamFrame> {
-        let step = self.step;
-        while !self.done {
-            let index = self.index;
-            let Some(part) = self.next_part() else {
-                self.done = true;
-                let setpoint = self.outputs.setpoint.into();
-                return encode(&FromBoard::Done { step, parts: index, setpoint, cost: self.cost });
-            };
-            self.index = index.saturating_add(1);
-            if index >= self.have {
-                return encode(&FromBoard::Act { step, index, part });
-            }
-        }
-        None
     }
 }
 
@@ -301,17 +304,22 @@ impl RadioIntake {
         Self { decoder: StreamDecoder::new(), damaged: 0, overflowed: 0 }
     }
 
-    /// Takes the next byte; a frame that it completes goes into `inputs`.
-    pub fn push(&mut self, byte: u8, inputs: &mut Inputs) {
-        match self.decoder.push(byte) {
-            None => {}
-            Some(Ok(bytes)) => {
-                let kept = Frame::from_slice(bytes).is_ok_and(|frame| inputs.frames.push(frame).is_ok());
-                if !kept {
-                    Counters::count(&mut self.overflowed);
+    /// Takes bytes; the frames that they complete go into `inputs`.
+    pub fn take(&mut self, bytes: &[u8], inputs: &mut Inputs) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let (taken, found) = self.decoder.take(rest);
+            match found {
+                None => {}
+                Some(Ok(bytes)) => {
+                    let kept = Frame::from_slice(bytes).is_ok_and(|frame| inputs.frames.push(frame).is_ok());
+                    if !kept {
+                        Counters::count(&mut self.overflowed);
+                    }
                 }
+                Some(Err(_)) => Counters::count(&mut self.damaged),
             }
-            Some(Err(_)) => Counters::count(&mut self.damaged),
+            rest = rest.get(taken..).unwrap_or(&[]);
         }
     }
 

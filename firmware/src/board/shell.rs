@@ -11,7 +11,10 @@
 //! inputs and outputs exist once, behind a lock that is asynchronous: who holds it can be interrupted, and
 //! the links hold it only to put something in.
 
-use super::lockstep::{Ask, Lockstep, RadioIntake};
+use super::{
+    bus::{FromBoard, encode},
+    lockstep::{Ask, Lockstep, RadioIntake},
+};
 use crate::{
     agent::FlightAgent,
     config::AgentConfig,
@@ -22,7 +25,10 @@ use embassy_futures::yield_now;
 use embassy_sync::{
     blocking_mutex::raw::CriticalSectionRawMutex as Raw, mutex::Mutex, pipe::Pipe, signal::Signal,
 };
-use skyroost_protocol::units::{DroneId, TimePs};
+use skyroost_protocol::{
+    stream::StreamFrame,
+    units::{DroneId, TimePs},
+};
 
 /// Bytes of a bus that may wait for their task.
 pub const BUS_PIPE: usize = 512;
@@ -31,12 +37,13 @@ const RADIO_PIPE: usize = 256;
 
 /// What the tasks of a board share.
 pub struct Shell {
-    core: Mutex<Raw, Core>,
+    pub(super) core: Mutex<Raw, Core>,
     /// Bytes from the host.
     pub bus_in: Pipe<Raw, BUS_PIPE>,
     /// Bytes for the host.
     pub bus_out: Pipe<Raw, BUS_PIPE>,
-    radio_in: Pipe<Raw, RADIO_PIPE>,
+    /// Bytes that came over the radio.
+    pub radio_in: Pipe<Raw, RADIO_PIPE>,
     /// Bytes of the radio that its task has dealt with, modulo 2^32.
     radio_taken: AtomicU32,
     tick: Signal<Raw, TimePs>,
@@ -52,10 +59,10 @@ pub trait Stopwatch {
 }
 
 /// The flight code and what goes in and out of it.
-struct Core {
-    agent: FlightAgent,
-    inputs: Inputs,
-    outputs: Outputs,
+pub(super) struct Core {
+    pub(super) agent: FlightAgent,
+    pub(super) inputs: Inputs,
+    pub(super) outputs: Outputs,
     radio: RadioIntake,
 }
 
@@ -89,22 +96,25 @@ impl Shell {
     /// each step before it is done; `stack_used` says how much stack was ever in use, in bytes.
     pub async fn bus(&self, advance: impl Fn(TimePs), stack_used: impl Fn() -> u32) -> ! {
         let mut lockstep = Lockstep::new();
+        let mut frame = StreamFrame::new();
         let mut radio_sent: u32 = 0;
         let mut bytes = [0; 128];
         loop {
             let count = self.bus_in.read(&mut bytes).await;
             let mut rest = bytes.get(..count).unwrap_or(&[]);
             while !rest.is_empty() {
-                let Some(ask) = self.take(&mut rest, &mut lockstep).await else { continue };
+                let (taken, ask) = lockstep.take(rest, &mut self.core.lock().await.inputs);
+                rest = rest.get(taken..).unwrap_or(&[]);
+                let Some(ask) = ask else { continue };
                 match ask {
                     Ask::Begin(config) => {
                         self.core.lock().await.begin(config);
                         defmt::info!("drone {=u16} begins", config.id.0);
-                        self.say(lockstep.begun()).await;
+                        self.say(lockstep.begun(), &mut frame).await;
                     }
                     Ask::Radio(bytes) => {
                         radio_sent = radio_sent.wrapping_add(bytes.len() as u32);
-                        self.radio_in.write_all(&bytes).await;
+                        self.radio_in.write_all(bytes).await;
                     }
                     Ask::Step { now, have } => {
                         while self.radio_taken.load(Ordering::Relaxed) != radio_sent {
@@ -113,44 +123,32 @@ impl Shell {
                         advance(now);
                         self.tick.signal(now);
                         lockstep.stepped(self.stepped.wait().await);
-                        self.answer(&lockstep, have).await;
+                        self.answer(&lockstep, have, &mut frame).await;
                     }
-                    Ask::Answer { have } => self.answer(&lockstep, have).await,
-                    Ask::Say(message) => self.say(Some(message)).await,
+                    Ask::Answer { have } => self.answer(&lockstep, have, &mut frame).await,
+                    Ask::Say(message) => self.say(Some(message), &mut frame).await,
                     Ask::Report => {
                         let core = self.core.lock().await;
                         let report = lockstep.report(core.agent.counters(), &core.radio, stack_used());
                         drop(core);
-                        self.say(Some(report)).await;
+                        self.say(Some(report), &mut frame).await;
                     }
                 }
             }
         }
     }
 
-    /// Takes bytes off `rest` until something is asked or none is left.
-    async fn take(&self, rest: &mut &[u8], lockstep: &mut Lockstep) -> Option<Ask> {
-        let mut core = self.core.lock().await;
-        while let Some((byte, tail)) = rest.split_first() {
-            *rest = tail;
-            let ask = lockstep.push(*byte, &mut core.inputs);
-            if ask.is_some() {
-                return ask;
-            }
-        }
-        None
-    }
-
-    async fn answer(&self, lockstep: &Lockstep, have: u16) {
+    async fn answer(&self, lockstep: &Lockstep, have: u16, frame: &mut StreamFrame) {
         let core = self.core.lock().await;
-        for frame in lockstep.answer(have, &core.outputs) {
-            self.bus_out.write_all(&frame).await;
+        let mut answer = lockstep.answer(have, &core.outputs);
+        while answer.next_frame(frame) {
+            self.bus_out.write_all(frame).await;
         }
     }
 
-    async fn say(&self, message: Option<super::bus::FromBoard>) {
-        if let Some(frame) = message.and_then(|message| super::bus::encode(&message)) {
-            self.bus_out.write_all(&frame).await;
+    async fn say(&self, message: Option<FromBoard<'_>>, frame: &mut StreamFrame) {
+        if message.is_some_and(|message| encode(&message, frame)) {
+            self.bus_out.write_all(frame).await;
         }
     }
 
@@ -161,9 +159,7 @@ impl Shell {
             let count = self.radio_in.read(&mut bytes).await;
             let mut core = self.core.lock().await;
             let Core { inputs, radio, .. } = &mut *core;
-            for &byte in bytes.get(..count).unwrap_or(&[]) {
-                radio.push(byte, inputs);
-            }
+            radio.take(bytes.get(..count).unwrap_or(&[]), inputs);
             drop(core);
             self.radio_taken.fetch_add(count as u32, Ordering::Relaxed);
         }
@@ -187,14 +183,14 @@ impl Shell {
 }
 
 impl Core {
-    fn begin(&mut self, config: AgentConfig) {
+    pub(super) fn begin(&mut self, config: AgentConfig) {
         self.agent.restart(config);
         self.inputs.clear();
         self.outputs.clear();
         self.radio = RadioIntake::new();
     }
 
-    fn step(&mut self, now: TimePs, stopwatch: &impl Stopwatch) -> u32 {
+    pub(super) fn step(&mut self, now: TimePs, stopwatch: &impl Stopwatch) -> u32 {
         self.outputs.clear();
         let begun = stopwatch.read();
         self.agent.step(now, &self.inputs, &mut self.outputs);

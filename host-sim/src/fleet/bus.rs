@@ -1,7 +1,6 @@
 //! The host's end of the bus: a step's inputs out, its outputs back; see [`skyroost_firmware::board::bus`].
 
 use super::BoardFault;
-use heapless::Vec as Bounded;
 use skyroost_firmware::{
     board::bus::{
         ActPart, BUS_VERSION, Begin, FromBoard, MAX_ATTACHED_PART, MAX_CAPTURES_PART, Refusal, Report,
@@ -78,6 +77,8 @@ pub(super) struct BusClient<T> {
     /// The present request: its frames one after the other, and where each ends.
     request: Vec<u8>,
     ends: Vec<usize>,
+    /// The present frame of the request.
+    frame: StreamFrame,
     head: Option<StepHead>,
     counters: BusCounters,
 }
@@ -92,6 +93,7 @@ impl<T: Transport> BusClient<T> {
             step: 0,
             request: Vec::new(),
             ends: Vec::new(),
+            frame: StreamFrame::new(),
             head: None,
             counters: BusCounters::default(),
         }
@@ -143,7 +145,7 @@ impl<T: Transport> BusClient<T> {
         self.clear();
         self.step += 1;
         let mut index = 0;
-        let mut part = |client: &mut Self, part: SensePart| {
+        let mut part = |client: &mut Self, part: SensePart<'_>| {
             client.put(&ToBoard::Sense { step: client.step, index, part });
             index += 1;
         };
@@ -151,7 +153,7 @@ impl<T: Transport> BusClient<T> {
         for frame in &inputs.frames {
             encode_stream(frame, &mut stream).expect("a link carries frames, and no empty ones");
             for bytes in stream.chunks(usize::from(self.link.radio_part)) {
-                part(self, SensePart::Radio(Bounded::from_slice(bytes).expect("a part has room")));
+                part(self, SensePart::Radio(bytes));
             }
         }
         for page in inputs.captures.chunks(MAX_CAPTURES_PART) {
@@ -200,7 +202,7 @@ impl<T: Transport> BusClient<T> {
     /// Takes in a message of the answer to a step.
     fn on_answer(
         &mut self,
-        message: FromBoard,
+        message: FromBoard<'_>,
         have: &mut u16,
         outputs: &mut Outputs,
     ) -> Result<Option<Heard<()>>, BoardFault> {
@@ -237,25 +239,25 @@ impl<T: Transport> BusClient<T> {
         }
     }
 
-    fn act(&mut self, part: ActPart, outputs: &mut Outputs) -> Result<(), BoardFault> {
+    fn act(&mut self, part: ActPart<'_>, outputs: &mut Outputs) -> Result<(), BoardFault> {
         let nonsense = |what: &str| Err(BoardFault::Nonsense(what.to_owned()));
         match part {
-            ActPart::Radio(bytes) => {
-                for byte in bytes {
-                    match self.radio.push(byte) {
-                        None => {}
+            ActPart::Radio(mut bytes) => {
+                while !bytes.is_empty() {
+                    let (taken, found) = self.radio.take(bytes);
+                    bytes = &bytes[taken..];
+                    let frame = match found {
+                        None => continue,
                         Some(Err(error)) => return nonsense(&format!("a frame for the radio: {error}")),
-                        Some(Ok(bytes)) => {
-                            let frame = Frame::from_slice(bytes).expect("the decoder yields frames");
-                            let kept = match Header::read(bytes).map(|header| header.kind) {
-                                Ok(Kind::Up) => outputs.uplink.push(frame),
-                                Ok(Kind::Peer) => outputs.peer.push(frame),
-                                _ => return nonsense("a frame for nobody on the radio"),
-                            };
-                            if kept.is_err() {
-                                return nonsense("more frames for the radio than a step can have");
-                            }
-                        }
+                        Some(Ok(frame)) => Frame::from_slice(frame).expect("the decoder yields frames"),
+                    };
+                    let kept = match Header::read(&frame).map(|header| header.kind) {
+                        Ok(Kind::Up) => outputs.uplink.push(frame),
+                        Ok(Kind::Peer) => outputs.peer.push(frame),
+                        _ => return nonsense("a frame for nobody on the radio"),
+                    };
+                    if kept.is_err() {
+                        return nonsense("more frames for the radio than a step can have");
                     }
                 }
             }
@@ -274,7 +276,7 @@ impl<T: Transport> BusClient<T> {
     fn ask<A>(
         &mut self,
         doing: impl Fn() -> String,
-        mut pick: impl FnMut(&mut Self, FromBoard) -> Option<A>,
+        mut pick: impl FnMut(&mut Self, FromBoard<'_>) -> Option<A>,
     ) -> Result<A, BoardFault> {
         let begun = Instant::now();
         loop {
@@ -300,30 +302,42 @@ impl<T: Transport> BusClient<T> {
     fn listen<A>(
         &mut self,
         timeout: Duration,
-        on_message: &mut dyn FnMut(&mut Self, FromBoard) -> Result<Option<Heard<A>>, BoardFault>,
+        on_message: &mut OnMessage<'_, Self, A>,
     ) -> Result<Heard<A>, BoardFault> {
+        // Lent out while its messages are looked at.
+        let mut decoder = std::mem::take(&mut self.decoder);
+        let heard = self.listen_with(&mut decoder, timeout, on_message);
+        self.decoder = decoder;
+        heard
+    }
+
+    fn listen_with<A>(
+        &mut self,
+        decoder: &mut StreamDecoder,
+        mut timeout: Duration,
+        on_message: &mut OnMessage<'_, Self, A>,
+    ) -> Result<Heard<A>, BoardFault> {
+        let lossless = self.link.resend_after.is_none();
         let mut bytes = [0; 4096];
-        let mut timeout = timeout;
         loop {
             let count = self.transport.receive(&mut bytes, timeout).map_err(fault)?;
             if count == 0 {
                 return Ok(Heard::Nothing);
             }
             let mut heard = None;
-            for &byte in &bytes[..count] {
-                let message = match self.decoder.push(byte) {
+            let mut rest = &bytes[..count];
+            while !rest.is_empty() {
+                let (taken, found) = decoder.take(rest);
+                rest = &rest[taken..];
+                let message = match found {
                     None => continue,
-                    Some(Ok(payload)) => decode::<FromBoard>(payload),
-                    Some(Err(error)) if self.link.resend_after.is_none() => {
-                        return Err(BoardFault::Nonsense(error.to_string()));
-                    }
+                    Some(Ok(payload)) => decode::<FromBoard<'_>>(payload),
+                    Some(Err(error)) if lossless => return Err(BoardFault::Nonsense(error.to_string())),
                     Some(Err(_)) => None,
                 };
                 let verdict = match message {
-                    Some(FromBoard::Damaged) if self.link.resend_after.is_none() => {
-                        return Err(BoardFault::Damaged);
-                    }
-                    None if self.link.resend_after.is_none() => {
+                    Some(FromBoard::Damaged) if lossless => return Err(BoardFault::Damaged),
+                    None if lossless => {
                         return Err(BoardFault::Nonsense("a frame that is no message of the bus".to_owned()));
                     }
                     // Damage shows as a hole in what follows, or as silence.
@@ -362,9 +376,9 @@ impl<T: Transport> BusClient<T> {
         self.put(&ToBoard::Step { step: self.step, parts, have, head });
     }
 
-    fn put(&mut self, message: &ToBoard) {
-        let frame = encode(message).expect("every message fits a frame");
-        self.request.extend_from_slice(&frame);
+    fn put(&mut self, message: &ToBoard<'_>) {
+        assert!(encode(message, &mut self.frame), "every message fits a frame");
+        self.request.extend_from_slice(&self.frame);
         self.ends.push(self.request.len());
     }
 
@@ -373,6 +387,9 @@ impl<T: Transport> BusClient<T> {
         self.ends.clear();
     }
 }
+
+/// Looks at a message, and says what it means for the wait.
+type OnMessage<'a, C, A> = dyn FnMut(&mut C, FromBoard<'_>) -> Result<Option<Heard<A>>, BoardFault> + 'a;
 
 /// What came of listening.
 enum Heard<A> {

@@ -32,6 +32,8 @@ pub struct Summary {
     pub safety: SafetySummary,
     /// What crossed the radio between drones and control center.
     pub link: LinkSummary,
+    /// The boards that the flight code ran on, by drone; empty where it ran in this process.
+    pub boards: Vec<BoardSummary>,
     /// How long it took.
     pub timing: Timing,
     /// Hash over every flight-code output of every drone, in time order, hexadecimal.
@@ -136,6 +138,44 @@ pub struct LinkSummary {
     pub lost: u64,
     /// Frames that arrived and were refused by a decoder.
     pub rejected: u64,
+}
+
+/// A board of its own that one drone's flight code ran on.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct BoardSummary {
+    /// The drone, from 1.
+    pub id: u16,
+    /// Steps of the flight code.
+    pub steps: u32,
+    /// Instructions of a step in the mean, of the flight code alone; where they are counted.
+    pub step_instructions_mean: Option<f64>,
+    /// Most instructions of a step.
+    pub step_instructions_worst: Option<u64>,
+    /// Instructions of all steps.
+    pub step_instructions_sum: Option<u64>,
+    /// Most bytes of stack ever in use, where that is measured.
+    pub stack_used_bytes: Option<u32>,
+    /// Frames of the bus that reached the board damaged; each was sent again.
+    pub bus_damaged: u32,
+    /// Frames of the radio that reached the board damaged.
+    pub radio_damaged: u32,
+    /// Frames, captures or users that the inputs of a step had no room for.
+    pub inputs_overflowed: u32,
+    /// How punctual the board was, where it runs in real time.
+    pub punctuality: Option<PunctualitySummary>,
+}
+
+/// How punctual a board in real time was. Differs from run to run, as clocks on the wall do.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PunctualitySummary {
+    /// Steps whose answer was not there when the next one was due.
+    pub missed_deadlines: u32,
+    /// Longest time from when a step was due to its answer, seconds.
+    pub worst_answer_wall_s: f64,
+    /// Frames of the bus that came damaged, either way.
+    pub damaged: u64,
+    /// Requests that had to be sent again.
+    pub resent: u64,
 }
 
 /// How long it took.

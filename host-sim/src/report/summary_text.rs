@@ -3,7 +3,8 @@
 
 use super::limits::Bound;
 use super::summary::{
-    LinkSummary, LocalizationSummary, PlacementSummary, SafetySummary, Summary, SweepSummary, Timing,
+    BoardSummary, LinkSummary, LocalizationSummary, PlacementSummary, PunctualitySummary, SafetySummary,
+    Summary, SweepSummary, Timing,
 };
 use std::fmt;
 
@@ -16,6 +17,7 @@ impl fmt::Display for Summary {
         placement(f, &self.placement)?;
         safety(f, &self.safety)?;
         link(f, &self.link)?;
+        boards(f, &self.boards)?;
         timing(f, &self.timing)?;
         row(f, "digest", &self.digest)?;
         limits(f, self)?;
@@ -82,6 +84,39 @@ fn link(f: &mut fmt::Formatter<'_>, link: &LinkSummary) -> fmt::Result {
     let LinkSummary { frames, bytes, lost, rejected } = link;
     writeln!(f, "\nLink")?;
     row(f, "frames", format!("{frames} ({bytes} bytes), {lost} lost, {rejected} rejected"))
+}
+
+fn boards(f: &mut fmt::Formatter<'_>, boards: &[BoardSummary]) -> fmt::Result {
+    if boards.is_empty() {
+        return Ok(());
+    }
+    writeln!(f, "\nBoards")?;
+    let worst = boards.iter().filter_map(|board| board.step_instructions_worst).max();
+    let means: Vec<f64> = boards.iter().filter_map(|board| board.step_instructions_mean).collect();
+    if let Some(worst) = worst {
+        let mean = means.iter().sum::<f64>() / means.len().max(1) as f64;
+        row(f, "a step", format!("{mean:.0} instructions in the mean, {worst} at most"))?;
+    }
+    if let Some(stack) = boards.iter().filter_map(|board| board.stack_used_bytes).max() {
+        row(f, "stack", format!("{stack} bytes at most"))?;
+    }
+    for board in boards {
+        if let Some(late) = &board.punctuality {
+            let PunctualitySummary { missed_deadlines, worst_answer_wall_s, damaged, resent } = late;
+            let (steps, worst_ms) = (board.steps, worst_answer_wall_s * 1e3);
+            let label = format!("drone {}", board.id);
+            row(
+                f,
+                &label,
+                format!("{missed_deadlines} of {steps} deadlines missed, answers within {worst_ms:.1} ms"),
+            )?;
+            row(f, "", format!("{damaged} frames damaged on the bus, {resent} requests sent again"))?;
+        }
+    }
+    let sum =
+        |count: fn(&BoardSummary) -> u32| boards.iter().map(|board| u64::from(count(board))).sum::<u64>();
+    let (damaged, overflowed) = (sum(|b| b.radio_damaged), sum(|b| b.inputs_overflowed));
+    row(f, "dropped", format!("{damaged} damaged frames of the radio, {overflowed} inputs without room"))
 }
 
 fn timing(f: &mut fmt::Formatter<'_>, timing: &Timing) -> fmt::Result {

@@ -7,10 +7,12 @@ use crate::{
         place::{Fleet, Objective, PlaceUser, Placement, place},
         sweep::SplitMode,
     },
+    fleet::BoardReport,
     geometry::{V2, coverage::covered},
     recording::{PlacementRecord, Recording, SubAreaRecord, UserRecord},
     report::summary::{
-        LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary, SafetySummary, Summary, SweepSummary,
+        BoardSummary, LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary, PunctualitySummary,
+        SafetySummary, Summary, SweepSummary,
     },
 };
 use skyroost_protocol::{
@@ -60,6 +62,7 @@ pub(super) fn outcome(
             lost: counters.lost + counters.dropped_overflow,
             rejected: flight.control.counters().frames_rejected + flight.rejected_on_board(),
         },
+        boards: boards(&flight.reports),
         digest: flight.digest(),
         warnings,
         ..Summary::default()
@@ -80,6 +83,31 @@ pub(super) fn outcome(
         drones: flight.tracks,
     };
     Ok(Outcome { summary, recording, shares: Vec::new() })
+}
+
+/// The boards that the flight code ran on.
+fn boards(reports: &[BoardReport]) -> Vec<BoardSummary> {
+    let summary = |(index, report): (usize, &BoardReport)| {
+        let figures = report.board?;
+        Some(BoardSummary {
+            id: index as u16 + 1,
+            steps: figures.steps,
+            step_instructions_mean: figures.step_instructions_mean,
+            step_instructions_worst: figures.step_instructions_worst,
+            step_instructions_sum: figures.step_instructions_sum,
+            stack_used_bytes: figures.stack_used,
+            bus_damaged: figures.link.bus_damaged,
+            radio_damaged: figures.link.radio_damaged,
+            inputs_overflowed: figures.link.inputs_overflowed,
+            punctuality: figures.punctuality.map(|late| PunctualitySummary {
+                missed_deadlines: late.missed_deadlines,
+                worst_answer_wall_s: late.worst_answer_ms * 1e-3,
+                damaged: late.damaged,
+                resent: late.resent,
+            }),
+        })
+    };
+    reports.iter().enumerate().filter_map(summary).collect()
 }
 
 /// An event for people.

@@ -52,51 +52,65 @@ impl Loopback {
         }
     }
 
-    fn say(&mut self, frames: impl IntoIterator<Item = StreamFrame>) {
-        for byte in frames.into_iter().flatten() {
-            let byte = self.damaged(byte);
+    fn say(&mut self, message: &FromBoard<'_>) {
+        let mut frame = StreamFrame::new();
+        assert!(encode(message, &mut frame));
+        self.put(&frame);
+    }
+
+    fn put(&mut self, frame: &StreamFrame) {
+        for byte in frame {
+            let byte = self.damaged(*byte);
             self.to_host.push_back(byte);
         }
     }
 
-    fn obey(&mut self, ask: Ask) {
+    /// Takes bytes up to the end of the first message among them, and says how many.
+    fn hear(&mut self, bytes: &[u8]) -> usize {
+        let mut lockstep = std::mem::take(&mut self.lockstep);
+        let (taken, ask) = lockstep.take(bytes, &mut self.inputs);
         match ask {
-            Ask::Begin(config) => {
+            None => {}
+            Some(Ask::Begin(config)) => {
                 self.agent = FlightAgent::new(config);
-                let ready = self.lockstep.begun().and_then(|ready| encode(&ready));
-                self.say(ready);
+                self.say(&lockstep.begun().expect("it has begun"));
             }
-            Ask::Radio(bytes) => bytes.iter().for_each(|byte| self.radio.push(*byte, &mut self.inputs)),
-            Ask::Step { now, have } => {
+            Some(Ask::Radio(bytes)) => self.radio.take(bytes, &mut self.inputs),
+            Some(Ask::Step { now, have }) => {
                 self.outputs.clear();
                 self.agent.step(now, &self.inputs, &mut self.outputs);
                 self.inputs.clear();
                 self.steps += 1;
-                self.lockstep.stepped(self.steps);
-                self.answer(have);
+                lockstep.stepped(self.steps);
+                self.answer(&lockstep, have);
             }
-            Ask::Answer { have } => self.answer(have),
-            Ask::Say(message) => self.say(encode(&message)),
-            Ask::Report => {
-                let report = self.lockstep.report(self.agent.counters(), &self.radio, 0);
-                self.say(encode(&report));
+            Some(Ask::Answer { have }) => self.answer(&lockstep, have),
+            Some(Ask::Say(message)) => self.say(&message),
+            Some(Ask::Report) => {
+                let report = lockstep.report(self.agent.counters(), &self.radio, 0);
+                self.say(&report);
             }
         }
+        self.lockstep = lockstep;
+        taken
     }
 
-    fn answer(&mut self, have: u16) {
-        let frames: Vec<_> = self.lockstep.answer(have, &self.outputs).collect();
-        self.say(frames);
+    fn answer(&mut self, lockstep: &Lockstep, have: u16) {
+        let outputs = self.outputs.clone();
+        let mut answer = lockstep.answer(have, &outputs);
+        let mut frame = StreamFrame::new();
+        while answer.next_frame(&mut frame) {
+            self.put(&frame);
+        }
     }
 }
 
 impl Transport for Loopback {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        for &byte in bytes {
-            let byte = self.damaged(byte);
-            if let Some(ask) = self.lockstep.push(byte, &mut self.inputs) {
-                self.obey(ask);
-            }
+        let bytes: Vec<u8> = bytes.iter().map(|byte| self.damaged(*byte)).collect();
+        let mut rest = &bytes[..];
+        while !rest.is_empty() {
+            rest = &rest[self.hear(rest)..];
         }
         Ok(())
     }

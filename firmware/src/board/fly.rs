@@ -1,0 +1,32 @@
+//! What a board in flight asks of the tasks in the [`shell`](super::shell).
+
+use super::shell::{Shell, Stopwatch};
+use crate::config::AgentConfig;
+use crate::io::{Inputs, Outputs};
+use skyroost_protocol::units::TimePs;
+
+impl Shell {
+    /// Be the drone of this configuration, and forget what was before.
+    pub async fn begin(&self, config: AgentConfig) {
+        self.core.lock().await.begin(config);
+    }
+
+    /// Does the step at `now` for `board`: `sense` adds to the radio's frames what else was sensed, `act` sees
+    /// to what is to be done. Returns what the step cost.
+    ///
+    /// Waits at most for a link that is putting a few bytes in.
+    pub async fn fly<B>(
+        &self,
+        now: TimePs,
+        stopwatch: &impl Stopwatch,
+        board: &mut B,
+        sense: impl FnOnce(&mut B, &mut Inputs),
+        act: impl FnOnce(&mut B, &Outputs),
+    ) -> u32 {
+        let mut core = self.core.lock().await;
+        sense(board, &mut core.inputs);
+        let cost = core.step(now, stopwatch);
+        act(board, &core.outputs);
+        cost
+    }
+}
