@@ -4,7 +4,7 @@
 use rustix::process::Signal;
 use serde_json::Value;
 use skyroost_firmware::board::bus::{BUS_VERSION, FromBoard, encode};
-use skyroost_protocol::units::DroneId;
+use skyroost_protocol::{stream::StreamFrame, units::DroneId};
 use skyroost_tests::{
     boards::{Ended, Site, image, open_as, signal, workspace},
     mission::{Flown, fly},
@@ -300,7 +300,9 @@ fn boards_of_another_version_and_boards_that_are_somebody_else_are_told_apart() 
         (ready(BUS_VERSION, schema, 2), "it says it is drone 2".to_owned()),
     ] {
         let site = Site::new();
-        fs::write(site.path("answer"), encode(&answer).expect("a message")).expect("a file");
+        let mut frame = StreamFrame::new();
+        assert!(encode(&answer, &mut frame), "a message fits a frame");
+        fs::write(site.path("answer"), &frame).expect("a file");
         impostor(&site, &format!("cat {} >&4\nexec sleep 60", site.path("answer").display()));
         site.start(&LONG).fails(&["board of drone 1: ", &told]);
     }

@@ -44,13 +44,15 @@ pub(crate) fn record(words: &[&str], drones: usize) -> Vec<Recording> {
 fn read(bytes: &[u8]) -> Recording {
     let (mut lockstep, mut radio, mut inputs) = (Lockstep::new(), RadioIntake::new(), Inputs::new());
     let (mut config, mut steps) = (None, Vec::new());
-    for &byte in bytes {
-        match lockstep.push(byte, &mut inputs) {
+    let mut rest = bytes;
+    while !rest.is_empty() {
+        let (taken, ask) = lockstep.take(rest, &mut inputs);
+        rest = &rest[taken..];
+        match ask {
             Some(Ask::Begin(drone)) => config = Some(drone),
-            Some(Ask::Radio(bytes)) => bytes.iter().for_each(|byte| radio.push(*byte, &mut inputs)),
+            Some(Ask::Radio(bytes)) => radio.take(bytes, &mut inputs),
             Some(Ask::Step { now, .. }) => {
                 steps.push((now, inputs.clone()));
-                lockstep.stepped(0);
                 inputs.clear();
             }
             None | Some(Ask::Report) => {}
