@@ -22,7 +22,7 @@ const REPLAY: &str = "replay: cargo test --package skyroost-tests --test differe
 #[test]
 fn a_recorded_mission() {
     let area = tempfile::NamedTempFile::with_suffix(".csv").expect("a file");
-    fs::write(area.path(), "x_m,y_m\n0,0\n900,0\n900,700\n0,700\n").expect("an input file");
+    fs::write(area.path(), "x_m,y_m\n0,0\n1200,0\n1200,1000\n0,1000\n").expect("an input file");
     let area = area.path().to_str().expect("a path in UTF-8");
     let words = ["--area", area, "--drones", "3", "--loss-fraction", "0.05", "--density-per-km2", "40"];
     for recording in recorded::record(&words, 3) {
@@ -40,7 +40,7 @@ fn a_recorded_mission() {
 fn random_flights() {
     let kept = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/differential.proptest-regressions");
     let config = Config {
-        cases: 96,
+        cases: 48,
         failure_persistence: Some(Box::new(FileFailurePersistence::Direct(kept))),
         source_file: Some(file!()),
         test_name: Some("random_flights"),
@@ -49,7 +49,9 @@ fn random_flights() {
     };
     let seen = RefCell::new((BTreeSet::new(), [0_u64; Counters::COUNT]));
     let outcome = TestRunner::new(config).run(&random::script(), |script| {
-        let (counters, pair) = script.fly().map_err(TestCaseError::fail)?;
+        let begun = std::time::Instant::now();
+        let (counters, pair) = script.fly().inspect_err(|what| eprintln!("ERR {:?} {}", begun.elapsed(), &what[..what.len().min(700)])).map_err(TestCaseError::fail)?;
+        eprintln!("case {:?} {:?}", begun.elapsed(), pair.phases);
         let (phases, counts) = &mut *seen.borrow_mut();
         phases.extend(pair.phases.iter().map(|phase| *phase as u32));
         for (sum, count) in counts.iter_mut().zip(counters.to_array()) {

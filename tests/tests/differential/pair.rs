@@ -64,10 +64,6 @@ impl Pair {
         &self.outputs
     }
 
-    pub(crate) fn phase(&self) -> FlightPhase {
-        self.host.phase()
-    }
-
     /// Holds what both counted against each other, and returns it.
     pub(crate) fn end(&mut self) -> Result<Counters, String> {
         let BoardReport { counters, board } = self.board.report().map_err(|error| error.to_string())?;
