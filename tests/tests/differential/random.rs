@@ -592,3 +592,63 @@ pub(crate) fn script() -> impl Strategy<Value = Script> {
             stretches,
         })
 }
+
+/// More than there is room for: of answers, of occasions, of neighbours and of captures.
+pub(crate) fn flood() -> Result<Counters, String> {
+    let lanes_mm = [[0, 0], [300_000, 0], [300_000, 200_000]];
+    let mut flight = Flight::new(
+        TimePs(0),
+        MissionHeader {
+            mission: MISSION,
+            fleet: Some(FleetId(0)),
+            mates: MATES,
+            slot: 0,
+            spacing_mm: 50_000,
+            heading: Heading::AlongTrack,
+            orientation_mrad: 0,
+            speed_mmps: 10_000,
+            altitude_mm: 30_000,
+            home: PosEnuMm::default(),
+            waypoints: lanes_mm.len() as u16,
+            d_safe_mm: 10_000,
+        },
+    );
+    flight.reach(Reach::Sweeping, &lanes_mm)?;
+    let users: Vec<_> = (0..MAX_SRS_PER_REQUEST as u32).map(|user| (user, 1 + (user % 3) as u16)).collect();
+    for first in (0..OCCASIONS).step_by(users.len()) {
+        let (ahead, spacing) = (TimePs::from_ms(500), TimePs::from_ms(2));
+        flight.word(&Word::Request { ahead, spacing, first, users: users.clone() })?;
+    }
+    // Every other capture that can be, twice, while gates open and close.
+    for round in 0..60 {
+        for place in 0..MAX_CAPTURES_PER_STEP as u32 {
+            let occasion = OccasionId((round * 7 + place / 2) % OCCASIONS);
+            let capture = Capture { occasion, ticks: flight.inputs.timer_ticks.wrapping_sub(place) };
+            flight.inputs.captures.push(capture).expect("there is room");
+        }
+        let toas = (0..MAX_CAPTURES_PER_FRAME as u32).map(|k| (round * 7 + k, TimePs::from_ms(-5), [0; 3]));
+        flight.word(&Word::Captures(round as u16, toas.collect()))?;
+        flight.calm(1)?;
+    }
+    for first in (1..=40).step_by(MAX_PEERS_PER_FRAME) {
+        let neighbour = |drone| Neighbour {
+            drone,
+            ahead: TimePs(-i64::from(drone)),
+            pos_mm: [i32::from(drone) * 15_000, 5_000, 30_000],
+            vel_mmps: [-3_000, 0, 0],
+            error_radius_mm: 1_000,
+        };
+        let page = (first..first + MAX_PEERS_PER_FRAME as u16).map(neighbour);
+        flight.word(&Word::Peers(page.collect()))?;
+    }
+    flight.calm(20)?;
+    let users =
+        (0..MAX_ATTACHED_PER_FRAME as u32).map(|user| AttachedUser { user: UserId(user), timing_advance: 7 });
+    flight.inputs.attached.extend(users);
+    for _ in 0..MAX_FRAMES_PER_STEP {
+        flight.order(Order::Hold)?;
+    }
+    flight.step(TimePs::from_ms(61_000), Nav::Obeys)?;
+    flight.calm(100)?;
+    flight.pair.end()
+}
