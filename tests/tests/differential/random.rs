@@ -239,7 +239,8 @@ impl Flight {
             (Reach::Landing, &|f| {
                 f.pos_m = Vec3::from(f.header.home.0.map(|mm| mm as f32 * 1e-3));
                 f.pos_m.z = altitude_m;
-                Ok(())
+                // It has to come to rest before it lands.
+                f.calm(400)
             }),
             (Reach::Landed, &|f| {
                 f.pos_m.z = f.header.home.0[2] as f32 * 1e-3 + 0.1;
@@ -251,7 +252,7 @@ impl Flight {
                 break;
             }
             do_it(self)?;
-            self.calm(25)?;
+            self.calm(60)?;
         }
         Ok(())
     }
