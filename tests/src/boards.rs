@@ -163,8 +163,8 @@ impl Site {
     /// When something is.
     #[track_caller]
     pub fn assert_clean(&self) {
-        assert_eq!(self.processes(), [0; 0], "processes are left");
-        assert_eq!(self.leftovers(), [PathBuf::new(); 0], "folders are left");
+        let (processes, folders) = (self.processes(), self.leftovers());
+        assert!(processes.is_empty() && folders.is_empty(), "left: processes {processes:?}, {folders:?}");
     }
 }
 
@@ -280,6 +280,7 @@ impl Running<'_> {
     /// # Panics
     /// When it ends otherwise.
     #[track_caller]
+    #[expect(clippy::must_use_candidate, reason = "its assertions are enough for most")]
     pub fn fails(self, told: &[&str]) -> Ended {
         let site = self.site;
         let ended = self.end();
