@@ -121,7 +121,7 @@ struct Neighbour {
 }
 
 /// What brings a flight into its next phase.
-type Deed = dyn Fn(&mut Flight) -> Result<(), String>;
+type Deed<'a> = dyn Fn(&mut Flight) -> Result<(), String> + 'a;
 
 /// Flies it on both.
 pub(crate) struct Flight {
@@ -225,7 +225,7 @@ impl Flight {
     fn reach(&mut self, reach: Reach, waypoints_mm: &[[i32; 2]]) -> Result<(), String> {
         let altitude_m = self.header.altitude_mm as f32 * 1e-3;
         let goal_m = Vec3::new(50.0, 20.0, altitude_m);
-        let stages: [(Reach, &Deed); 9] = [
+        let stages: [(Reach, &Deed<'_>); 9] = [
             (Reach::Uploaded, &|f| f.upload(waypoints_mm)),
             (Reach::Climbing, &|f| f.order(Order::TakeOff)),
             (Reach::Aloft, &|f| {
