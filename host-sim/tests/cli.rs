@@ -119,10 +119,60 @@ fn options_with_values_out_of_range_are_refused() {
 }
 
 #[test]
-fn backends_that_are_not_built_are_refused_by_name() {
+fn what_is_said_about_boards_must_fit_together() {
     let bench = Bench::new();
-    for backend in ["qemu", "serial:/dev/ttyACM0,/dev/ttyACM1"] {
-        bench.refused(&["--backend", backend], &[backend, "this build has only inproc"]);
+    for (option, value) in [("--board-image", "image"), ("--board-log", "logs")] {
+        let told = [option, "expected --backend qemu"];
+        bench.refused(&[option, value], &told);
+        bench.refused(&["--backend", "serial:/dev/null", option, value], &told);
+    }
+    for backend in ["serial", "serial:", "serial:/dev/null,", "qemu:", "QEMU"] {
+        bench.refused(&["--backend", backend], &[backend, "inproc, qemu or serial:"]);
+    }
+}
+
+#[test]
+fn an_image_that_is_not_there_is_named() {
+    let bench = Bench::new();
+    let boards = ["--backend", "qemu", "--board-image"];
+    bench.refused(&[&boards[..], &["none/image"]].concat(), &["--board-image", "none/image", "No such file"]);
+    bench.refused(&[&boards[..], &["."]].concat(), &["--board-image", "directory"]);
+    let with_logs = ["--board-log", "logs/today"];
+    bench.refused(&[&boards[..], &["none/image"], &with_logs].concat(), &["none/image"]);
+}
+
+#[test]
+fn a_folder_for_logs_that_cannot_be_is_refused_before_anything_starts() {
+    let bench = Bench::new().file("file", "");
+    // Had anything been started, the missing image would have been told.
+    let boards = ["--backend", "qemu", "--board-image", "none", "--board-log"];
+    bench.refused(&[&boards[..], &["file"]].concat(), &["--board-log: file: cannot be written"]);
+    bench.refused(&[&boards[..], &["file/logs"]].concat(), &["--board-log: file: cannot be written"]);
+    bench.refused(&[&boards[..], &["/proc/logs"]].concat(), &["--board-log: /proc/logs: cannot be written"]);
+}
+
+#[test]
+fn ports_must_be_as_many_as_drones() {
+    let bench = Bench::new();
+    bench.refused(&["--backend", "serial:a,b"], &["--backend", "found 2 serial port(s) for 6 drones"]);
+    bench
+        .refused(&["--backend", "serial:a,b,c,d", "--drones", "3"], &["found 4 serial port(s) for 3 drones"]);
+}
+
+#[test]
+fn a_port_that_is_not_there_is_a_board_that_failed() {
+    let bench = Bench::new().file("file", "");
+    for (ports, told) in [
+        ("/dev/none-1,/dev/none-2,/dev/none-3", ["board of drone 1", "/dev/none-1"]),
+        ("file,file,file", ["board of drone 1", "file"]),
+    ] {
+        let backend = format!("serial:{ports}");
+        let ran = bench.run(&["mission", "--drones", "3", "--backend", &backend]);
+        assert_eq!((ran.code, ran.stdout.as_str()), (Some(4), ""), "{}", ran.stderr);
+        for told in told {
+            assert!(ran.stderr.contains(told), "{told:?} is not in: {}", ran.stderr);
+        }
+        assert_eq!(bench.names("."), ["file"]);
     }
 }
 

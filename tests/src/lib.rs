@@ -1,6 +1,7 @@
 //! What the whole-mission tests in `tests/tests/` share.
 #![forbid(unsafe_code)]
 
+pub mod boards;
 pub mod mission;
 pub mod report_check;
 pub mod webdriver;

@@ -33,13 +33,13 @@ pub(crate) struct Board {
     pub(crate) name: &'static str,
     /// The linker script with its memory, at the root of the workspace.
     memory: &'static str,
-    /// How it is optimised: `s` for what must fit, `3` for what must be fast. Either gives the same bits.
+    /// How it is optimised, in TOML: `"s"` for what must fit, `3` for what must be fast. The same bits either way.
     opt_level: &'static str,
 }
 
 /// Every board there is.
 pub(crate) const BOARDS: [Board; 2] =
-    [Board { name: "stm32f405", memory: "memory.x", opt_level: "s" }, EMULATED];
+    [Board { name: "stm32f405", memory: "memory.x", opt_level: "\"s\"" }, EMULATED];
 
 /// The figure of a stack measured by running an image, all but variables.
 pub(crate) const STACK_MEASURED: &str = "stack_bytes";
@@ -69,7 +69,7 @@ impl Board {
             self.name.to_owned(),
             format!("--features=board-{}", self.name),
             "--config".to_owned(),
-            format!("profile.release.opt-level={:?}", self.opt_level),
+            format!("profile.release.opt-level={}", self.opt_level),
         ]
     }
 

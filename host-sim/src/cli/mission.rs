@@ -189,7 +189,9 @@ pub(super) fn run(args: &MissionArgs) -> Result<Exit, Failure> {
     let console = Console::new(args.quiet);
     let input = inputs::load(args.scenario.as_deref(), &args.overrides())?;
     let cancel = interrupt::flag(&console);
-    let output = OutputDir::prepare(&args.out)?;
+    let output = OutputDir::prepare("--out", &args.out)?;
+    // Boards write their logs when they end, well or not; one that stays empty goes as it came.
+    let _logs = args.board_log.as_ref().map(|dir| OutputDir::prepare("--board-log", dir)).transpose()?;
 
     let progress = console.progress();
     let options =

@@ -11,8 +11,10 @@ use thiserror::Error;
 
 /// The directory or a file in it cannot be written.
 #[derive(Debug, Error)]
-#[error("--out: {}: cannot be written: {source}; expected a directory that can be written to", path.display())]
+#[error("{option}: {}: cannot be written: {source}; expected a directory that can be written to", path.display())]
 pub(super) struct OutputError {
+    /// The option that names the directory.
+    option: &'static str,
     path: PathBuf,
     source: io::Error,
 }
@@ -20,6 +22,8 @@ pub(super) struct OutputError {
 /// A directory with files on their way into it.
 #[derive(Debug)]
 pub(super) struct OutputDir {
+    /// The option that names it.
+    option: &'static str,
     dir: PathBuf,
     /// Directories made for this run, outermost first.
     made: Vec<PathBuf>,
@@ -28,23 +32,27 @@ pub(super) struct OutputDir {
 }
 
 impl OutputDir {
-    /// Makes the directory if it is missing and proves that files can be written in it.
-    pub(super) fn prepare(dir: &Path) -> Result<Self, OutputError> {
+    /// Makes the directory that `option` names, if it is missing, and proves that files can be written in it.
+    pub(super) fn prepare(option: &'static str, dir: &Path) -> Result<Self, OutputError> {
         // Drop cleans up whatever was made when a later step fails.
-        let mut output = Self { dir: dir.to_owned(), made: Vec::new(), staged: Vec::new() };
+        let mut output = Self { option, dir: dir.to_owned(), made: Vec::new(), staged: Vec::new() };
         for path in dir.ancestors().collect::<Vec<_>>().into_iter().rev() {
             // Asked anew at each step: in `new/..` the second part exists once the first was made.
             if path.as_os_str().is_empty() || path.is_dir() {
                 continue;
             }
-            fs::create_dir(path).map_err(|source| OutputError { path: path.to_owned(), source })?;
+            fs::create_dir(path).map_err(|source| output.error(path, source))?;
             output.made.push(path.to_owned());
         }
         let probe = output.temporary("probe");
         File::create(&probe)
             .and_then(|_| fs::remove_file(&probe))
-            .map_err(|source| OutputError { path: dir.to_owned(), source })?;
+            .map_err(|source| output.error(dir, source))?;
         Ok(output)
+    }
+
+    fn error(&self, path: &Path, source: io::Error) -> OutputError {
+        OutputError { option: self.option, path: path.to_owned(), source }
     }
 
     /// Writes one file under a temporary name.
@@ -62,13 +70,13 @@ impl OutputDir {
             // On disk before the rename: a power cut must not leave a short file under a final name.
             file.get_ref().sync_all()
         });
-        written.map_err(|source| OutputError { path, source })
+        written.map_err(|source| self.error(&path, source))
     }
 
     /// Gives every file its final name.
     pub(super) fn commit(mut self) -> Result<(), OutputError> {
         for (temporary, path) in &self.staged {
-            fs::rename(temporary, path).map_err(|source| OutputError { path: path.clone(), source })?;
+            fs::rename(temporary, path).map_err(|source| self.error(path, source))?;
         }
         self.staged.clear();
         self.made.clear();
@@ -117,7 +125,7 @@ mod tests {
     fn files_appear_together_at_the_commit() -> Result<(), Box<dyn std::error::Error>> {
         let root = tempfile::tempdir()?;
         let dir = root.path().join("a/b");
-        let mut output = OutputDir::prepare(&dir)?;
+        let mut output = OutputDir::prepare("--out", &dir)?;
         put(&mut output, "one.txt", "1")?;
         put(&mut output, "two.txt", "2")?;
         assert!(names(&dir).iter().all(|name| name.ends_with(".partial")), "{:?}", names(&dir));
@@ -130,7 +138,7 @@ mod tests {
     #[test]
     fn an_interrupted_run_leaves_nothing_of_its_own() -> Result<(), Box<dyn std::error::Error>> {
         let root = tempfile::tempdir()?;
-        let mut output = OutputDir::prepare(&root.path().join("a/b"))?;
+        let mut output = OutputDir::prepare("--out", &root.path().join("a/b"))?;
         put(&mut output, "one.txt", "1")?;
         drop(output);
         assert!(names(root.path()).is_empty());
@@ -141,7 +149,7 @@ mod tests {
     fn an_interrupted_run_leaves_what_was_there() -> Result<(), Box<dyn std::error::Error>> {
         let root = tempfile::tempdir()?;
         fs::write(root.path().join("one.txt"), "earlier")?;
-        let mut output = OutputDir::prepare(root.path())?;
+        let mut output = OutputDir::prepare("--out", root.path())?;
         put(&mut output, "one.txt", "later")?;
         drop(output);
         assert_eq!(names(root.path()), ["one.txt"]);
@@ -152,7 +160,7 @@ mod tests {
     #[test]
     fn a_failed_write_leaves_nothing_of_its_own() -> Result<(), Box<dyn std::error::Error>> {
         let root = tempfile::tempdir()?;
-        let mut output = OutputDir::prepare(&root.path().join("out"))?;
+        let mut output = OutputDir::prepare("--out", &root.path().join("out"))?;
         put(&mut output, "one.txt", "1")?;
         let full = output.stage("two.txt", |file| {
             file.write_all(b"half")?;
@@ -169,7 +177,7 @@ mod tests {
         let root = tempfile::tempdir()?;
         let file = root.path().join("file");
         fs::write(&file, "")?;
-        let refused = OutputDir::prepare(&file.join("out"));
+        let refused = OutputDir::prepare("--out", &file.join("out"));
         assert!(refused.is_err_and(|error| error.to_string().contains("file")));
         assert_eq!(names(root.path()), ["file"]);
         Ok(())

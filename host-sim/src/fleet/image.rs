@@ -92,7 +92,18 @@ fn check(elf: &[u8]) -> Result<(), &'static str> {
     if elf.get(16..18) != Some(&EXECUTABLE) {
         return Err("an ELF file that is no program");
     }
-    Ok(())
+    // Linkers put the table of sections last: where it is whole, everything is.
+    match sections_end(elf) {
+        Some(end) if end <= elf.len() as u64 => Ok(()),
+        _ => Err("an ELF file that is cut short"),
+    }
+}
+
+/// Where the table of sections ends (`e_shoff`, `e_shentsize`, `e_shnum`); none in a file without a header.
+fn sections_end(elf: &[u8]) -> Option<u64> {
+    let at = u32::from_le_bytes(elf.get(32..36)?.try_into().ok()?);
+    let half = |at: usize| Some(u16::from_le_bytes(elf.get(at..at + 2)?.try_into().ok()?));
+    Some(u64::from(at) + u64::from(half(46)?) * u64::from(half(48)?))
 }
 
 /// Whether the image is there and no source is newer.
@@ -137,9 +148,14 @@ mod tests {
         elf[16] = 2;
         elf[18] = 40;
         assert_eq!(check(&elf), Ok(()));
-        for length in 0..20 {
+        for length in 0..50 {
             assert!(check(&elf[..length]).is_err(), "{length} bytes");
         }
+        let mut cut = elf.clone();
+        (cut[32], cut[46], cut[48]) = (52, 40, 1); // a section after the header
+        assert_eq!(check(&cut), Err("an ELF file that is cut short"));
+        cut.resize(52 + 40, 0);
+        assert_eq!(check(&cut), Ok(()));
         let own = fs::read(std::env::current_exe().unwrap()).unwrap();
         assert_eq!(check(&own), Err("an ELF file for another processor"));
     }

@@ -25,7 +25,7 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_executor::InterruptExecutor;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_time::{Duration, Ticker};
+use embassy_time::{Duration, Timer};
 use skyroost_firmware::board::shell::{BUS_PIPE, Shell, Stopwatch};
 
 /// Guidance, above the links. Both use the interrupt of a peripheral that the boards leave alone.
@@ -113,9 +113,9 @@ async fn radio(shell: &'static Shell) {
 
 #[embassy_executor::task]
 async fn telemetry(shell: &'static Shell) {
-    let mut ticker = Ticker::every(TELEMETRY_EVERY);
     loop {
-        ticker.next().await;
+        // Not a ticker: that would make up for every line that a leap of the host's time left out.
+        Timer::after(TELEMETRY_EVERY).await;
         let (damaged, overflowed, dropped) = shell.dropped().await;
         defmt::info!(
             "radio: {=u32} damaged, {=u32} without room; flight code: {=u32} dropped",
