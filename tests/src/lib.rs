@@ -1,6 +1,8 @@
 //! What the whole-mission tests in `tests/tests/` share.
 #![forbid(unsafe_code)]
 
+pub mod flight_board;
+pub mod line;
 pub mod mission;
 pub mod report_check;
 pub mod webdriver;
