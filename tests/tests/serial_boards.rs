@@ -197,3 +197,100 @@ fn good_lines_need_no_second_word() {
         assert_eq!((count(board, "damaged"), &board["bus_damaged"]), (0, &Value::from(0)));
     }
 }
+
+/// Flies until `fate` meets the second board, and returns the message that must name it.
+fn fail_under_way(fate: impl FnOnce(&mut Bench)) -> String {
+    let mut bench = Bench::new(2, GOOD);
+    let flight = Flight::start(&bench.ports(), &["--quiet"]);
+    let port = bench.lines[1].port().display().to_string();
+    bench.wait_until_under_way();
+    fate(&mut bench);
+    let message = flight.fail(4);
+    assert!(message.contains(&format!("board of drone 2 at {port}: ")), "{message}");
+    assert_eq!(message.lines().count(), 1, "one message: {message}");
+    message
+}
+
+#[test]
+fn a_board_that_is_unplugged_under_way_is_named() {
+    let message = fail_under_way(|bench| bench.lines[1].unplug());
+    assert!(message.contains("has it been unplugged?"), "{message}");
+}
+
+#[test]
+fn a_wire_that_breaks_under_way_is_named() {
+    let message = fail_under_way(|bench| bench.lines[1].cut());
+    assert!(message.contains("has not answered for 3 s in step "), "{message}");
+}
+
+#[test]
+fn a_board_that_dies_under_way_is_named() {
+    let message = fail_under_way(|bench| drop(bench.boards.remove(1)));
+    assert!(message.contains("has not answered for 3 s in step "), "{message}");
+}
+
+#[test]
+fn a_board_that_is_reset_under_way_is_found_out() {
+    let message = fail_under_way(|bench| {
+        drop(bench.boards.remove(1));
+        let again = FlightBoard::start(bench.lines[1].board_end());
+        bench.boards.push(again);
+    });
+    assert!(message.contains("it has been reset"), "{message}");
+}
+
+#[test]
+fn a_port_with_nobody_behind_it_is_named() {
+    let lines = [3, 4, 5].map(|seed| Line::new(seed, GOOD));
+    let ports = lines.each_ref().map(Line::port);
+    let message = Flight::start(&ports, &["--quiet"]).fail(4);
+    let port = ports[0].display();
+    let expected = format!("board of drone 1 at {port}: has not answered for 3 s since it was started");
+    assert!(message.contains(&expected), "{message}");
+}
+
+#[test]
+fn ports_that_are_none_are_named() {
+    for (port, why) in [("/dev/no-such-port", "No such file or directory"), ("/dev/null", "ioctl")] {
+        let message = Flight::start(&[Path::new(port), Path::new("b"), Path::new("c")], &["--quiet"]).fail(4);
+        let expected = format!("board of drone 1 at {port}: cannot be started: ");
+        assert!(message.contains(&expected) && message.contains(why), "{message}");
+    }
+}
+
+#[test]
+fn every_drone_has_a_port_of_its_own() {
+    let fail = |ports: &[&str]| {
+        let ports: Vec<&Path> = ports.iter().map(Path::new).collect();
+        Flight::start(&ports, &["--quiet"]).fail(2)
+    };
+    for (ports, count) in [(&["a", "b"][..], 2), (&["a", "b", "c", "d"], 4)] {
+        let message = fail(ports);
+        assert!(message.contains(&format!("found {count} serial port(s) for 3 drones")), "{message}");
+    }
+    let message = fail(&["/dev/a", "/dev/b", "/dev/a"]);
+    assert!(message.contains("--backend: found the port /dev/a twice"), "{message}");
+}
+
+#[test]
+fn an_interrupt_under_way_ends_the_flight() {
+    let bench = Bench::new(6, GOOD);
+    let flight = Flight::start(&bench.ports(), &[]);
+    bench.wait_until_under_way();
+    flight.interrupt();
+    let message = flight.fail(130);
+    assert!(message.contains("take off") && message.contains("interrupted"), "{message}");
+}
+
+#[test]
+fn people_see_how_boards_fared() {
+    let bench = Bench::new(7, BAD);
+    let mut flight = Flight::start(&bench.ports(), &["--duration-s", "2", "--quiet"]);
+    let output = flight.end();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.stderr.is_empty(), "quiet: {}", String::from_utf8_lossy(&output.stderr));
+    assert!(text.contains("(serial)"), "{text}");
+    let of_boards = |words: &str| text.lines().filter(|line| line.contains(words)).count();
+    assert_eq!(of_boards(" of 100 deadlines missed, answers within "), 3, "{text}");
+    assert_eq!(of_boards(" frames damaged on the bus, "), 3, "{text}");
+}

@@ -131,13 +131,20 @@ impl<T: Transport> BusClient<T> {
     pub(super) fn report(&mut self) -> Result<Report, BoardFault> {
         self.clear();
         self.put(&ToBoard::Report);
-        self.ask(
+        let report = self.ask(
             || "when asked how it fared".to_owned(),
             |_, message| match message {
                 FromBoard::Report(report) => Some(report),
                 _ => None,
             },
-        )
+        )?;
+        if report.steps != self.step {
+            return Err(BoardFault::Nonsense(format!(
+                "it has done {} steps of {}; it has been reset",
+                report.steps, self.step
+            )));
+        }
+        Ok(report)
     }
 
     /// Sends everything that a step needs.

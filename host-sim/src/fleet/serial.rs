@@ -48,20 +48,29 @@ impl Ports {
     /// Starts the board of a drone: drone 1 is at the first port.
     pub(crate) fn start(&self, config: AgentConfig) -> Result<SerialBoard, BoardError> {
         let drone = config.id.0;
-        let failed = |fault| BoardError { drone, fault, log: Vec::new() };
         let path = &self.ports[usize::from(drone) - 1];
-        let port = open(path)
-            .map_err(|error| failed(BoardFault::NotStarted(format!("{}: {error}", path.display()))))?;
+        let failed = |fault| BoardError { drone, port: Some(path.clone()), fault, log: Vec::new() };
+        let port = open(path).map_err(|error| failed(BoardFault::NotStarted(error.to_string())))?;
         let link = LinkKind { resend_after: Some(RESEND_AFTER), radio_part: RADIO_PART };
         let mut bus = BusClient::new(Wire { port, timeout: Duration::ZERO }, link);
         bus.begin(&config).map_err(failed)?;
         let punctuality = Punctuality::default();
-        Ok(SerialBoard { drone, bus, pace: Arc::clone(&self.pace), due: Instant::now(), punctuality })
+        let pace = Arc::clone(&self.pace);
+        Ok(SerialBoard { drone, port: path.clone(), bus, pace, due: Instant::now(), punctuality })
     }
 }
 
+/// The first port that is there twice, be it by two names.
+pub(super) fn first_repeated(ports: &[PathBuf]) -> Option<&PathBuf> {
+    // A port that is not there has no other name; it is refused when it is opened.
+    let devices: Vec<PathBuf> =
+        ports.iter().map(|port| port.canonicalize().unwrap_or_else(|_| port.clone())).collect();
+    (0..ports.len()).find(|&at| devices[..at].contains(&devices[at])).map(|at| &ports[at])
+}
+
 fn open(path: &Path) -> io::Result<SerialPort> {
-    let port = SerialPort::open(path, BAUD)?;
+    let mut port = SerialPort::open(path, BAUD)?;
+    port.set_write_timeout(PERIOD)?;
     // What a board said before is not for this flight.
     port.discard_buffers()?;
     Ok(port)
@@ -75,7 +84,11 @@ struct Wire {
 
 impl Transport for Wire {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.port.write_all(bytes)
+        match self.port.write_all(bytes) {
+            // A port that takes no more has nobody behind it: the silence that follows will be noticed.
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(()),
+            result => result.map_err(unplugged),
+        }
     }
 
     fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
@@ -84,12 +97,23 @@ impl Transport for Wire {
             self.timeout = timeout;
         }
         match self.port.read(bytes) {
-            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(0) => Err(io::Error::new(io::ErrorKind::NotConnected, GONE)),
             Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {
                 Ok(0)
             }
-            result => result,
+            result => result.map_err(unplugged),
         }
+    }
+}
+
+const GONE: &str = "the port is gone; has it been unplugged?";
+
+/// Says what the system means when a device is taken away.
+fn unplugged(error: io::Error) -> io::Error {
+    use rustix::io::Errno;
+    match Errno::from_io_error(&error) {
+        Some(Errno::IO | Errno::NXIO | Errno::NODEV) => io::Error::new(io::ErrorKind::NotConnected, GONE),
+        _ => error,
     }
 }
 
@@ -136,6 +160,7 @@ pub struct Punctuality {
 /// One board on a serial port.
 pub struct SerialBoard {
     drone: u16,
+    port: PathBuf,
     bus: BusClient<Wire>,
     pace: Arc<Pace>,
     /// When the present step was due to begin.
@@ -145,7 +170,7 @@ pub struct SerialBoard {
 
 impl SerialBoard {
     fn failed(&self, fault: BoardFault) -> BoardError {
-        BoardError { drone: self.drone, fault, log: Vec::new() }
+        BoardError { drone: self.drone, port: Some(self.port.clone()), fault, log: Vec::new() }
     }
 }
 
@@ -199,6 +224,17 @@ mod tests {
         let late = at(2);
         assert!(late - first >= 6 * PERIOD, "begun when it was asked for");
         assert!(at(3) - late == PERIOD, "and on the grid again");
+    }
+
+    #[test]
+    fn a_port_is_the_same_by_any_name() {
+        let repeated = |ports: &[&str]| {
+            let ports: Vec<PathBuf> = ports.iter().map(PathBuf::from).collect();
+            first_repeated(&ports).cloned()
+        };
+        assert_eq!(repeated(&["/dev/null", "/dev/zero", "/dev/no-such-port"]), None);
+        assert_eq!(repeated(&["/dev/null", "/dev/zero", "/dev/../dev/null"]), Some("/dev/../dev/null".into()));
+        assert_eq!(repeated(&["/no-such-port", "/no-such-port"]), Some("/no-such-port".into()));
     }
 
     #[test]

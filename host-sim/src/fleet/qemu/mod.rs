@@ -77,7 +77,7 @@ impl Launcher {
     pub(crate) fn start(&self, config: AgentConfig) -> Result<Emulator, BoardError> {
         let drone = config.id.0;
         let not_started =
-            |what: String| BoardError { drone, fault: BoardFault::NotStarted(what), log: Vec::new() };
+            |what: String| BoardError { drone, port: None, fault: BoardFault::NotStarted(what), log: Vec::new() };
         let folder =
             Folder::make().map_err(|error| not_started(format!("no folder for its FIFOs: {error}")))?;
         let process = self.spawn(folder.path()).map_err(|error| match error.kind() {
@@ -176,7 +176,7 @@ impl Emulator {
             other => other,
         };
         let log = self.reader.tail(&self.folder.path().join(LOG));
-        BoardError { drone: self.drone, fault, log }
+        BoardError { drone: self.drone, port: None, fault, log }
     }
 
     fn with_bus<A>(
