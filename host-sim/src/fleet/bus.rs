@@ -25,7 +25,7 @@ use std::{
 const SILENCE: Duration = Duration::from_secs(3);
 
 /// After damage, this much silence is enough to ask again: what was to come has come, or never will.
-const SILENCE_AFTER_DAMAGE: Duration = Duration::from_millis(3);
+const SILENCE_AFTER_DAMAGE: Duration = Duration::from_millis(1);
 
 /// A way to carry bytes to a board and back.
 pub(super) trait Transport: Send {
@@ -381,6 +381,10 @@ impl<T: Transport> BusClient<T> {
         let head = self.head.expect("a step has been begun");
         let parts = self.ends.len() as u16;
         self.put(&ToBoard::Step { step: self.step, parts, have, head });
+        if self.link.resend_after.is_some() {
+            // Should the last delimiter come damaged, this one ends the frame.
+            self.request.push(0);
+        }
     }
 
     fn put(&mut self, message: &ToBoard<'_>) {

@@ -27,8 +27,10 @@ use std::{
 
 /// Bits a second on the wire; the image's UART has the same.
 pub const BAUD: u32 = 921_600;
-/// A request without an answer for this long is sent again: several times what a good exchange takes.
-const RESEND_AFTER: Duration = Duration::from_millis(40);
+/// A request without an answer for this long is sent again: more than a good exchange takes (the worst step 6 ms,
+/// the wire some 11 us a byte), and little enough for a second one within the step's 20 ms. One that comes too
+/// early costs its bytes and nothing else.
+const RESEND_AFTER: Duration = Duration::from_millis(10);
 /// Bytes of the radio in a message: short, as every damaged byte costs a whole message.
 const RADIO_PART: u8 = 48;
 /// Time from one step to the next.
@@ -233,7 +235,10 @@ mod tests {
             first_repeated(&ports).cloned()
         };
         assert_eq!(repeated(&["/dev/null", "/dev/zero", "/dev/no-such-port"]), None);
-        assert_eq!(repeated(&["/dev/null", "/dev/zero", "/dev/../dev/null"]), Some("/dev/../dev/null".into()));
+        assert_eq!(
+            repeated(&["/dev/null", "/dev/zero", "/dev/../dev/null"]),
+            Some("/dev/../dev/null".into())
+        );
         assert_eq!(repeated(&["/no-such-port", "/no-such-port"]), Some("/no-such-port".into()));
     }
 

@@ -76,8 +76,12 @@ impl Launcher {
     /// Starts the board of a drone.
     pub(crate) fn start(&self, config: AgentConfig) -> Result<Emulator, BoardError> {
         let drone = config.id.0;
-        let not_started =
-            |what: String| BoardError { drone, port: None, fault: BoardFault::NotStarted(what), log: Vec::new() };
+        let not_started = |what: String| BoardError {
+            drone,
+            port: None,
+            fault: BoardFault::NotStarted(what),
+            log: Vec::new(),
+        };
         let folder =
             Folder::make().map_err(|error| not_started(format!("no folder for its FIFOs: {error}")))?;
         let process = self.spawn(folder.path()).map_err(|error| match error.kind() {
