@@ -21,7 +21,10 @@ use skyroost_protocol::units::TimePs;
 use std::{
     io,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        mpsc::{Receiver, Sender, channel},
+    },
     time::{Duration, Instant},
 };
 
@@ -56,9 +59,15 @@ impl Ports {
         let link = LinkKind { resend_after: Some(RESEND_AFTER), radio_part: RADIO_PART };
         let mut bus = BusClient::new(Wire { port, timeout: Duration::ZERO }, link);
         bus.begin(&config).map_err(failed)?;
-        let punctuality = Punctuality::default();
+        let speaker = Speaker { bus, punctuality: Punctuality::default() };
+        let (jobs, to_do) = channel();
+        let (done, answers) = channel();
+        std::thread::Builder::new()
+            .name(format!("drone {drone}"))
+            .spawn(move || speaker.run(&to_do, &done))
+            .map_err(|error| failed(BoardFault::NotStarted(format!("no thread for it: {error}"))))?;
         let pace = Arc::clone(&self.pace);
-        Ok(SerialBoard { drone, port: path.clone(), bus, pace, due: Instant::now(), punctuality })
+        Ok(SerialBoard { drone, port: path.clone(), pace, jobs, answers })
     }
 }
 
@@ -159,56 +168,118 @@ pub struct Punctuality {
     pub resent: u64,
 }
 
-/// One board on a serial port.
+/// One board on a serial port. A thread of its own speaks with it, so that what is damaged on the way to one board
+/// keeps no other waiting.
 pub struct SerialBoard {
     drone: u16,
     port: PathBuf,
-    bus: BusClient<Wire>,
     pace: Arc<Pace>,
-    /// When the present step was due to begin.
-    due: Instant,
+    jobs: Sender<Job>,
+    answers: Receiver<Result<Answer, BoardFault>>,
+}
+
+/// What is asked of a board.
+enum Job {
+    /// A step, due to begin at an instant.
+    Step(TimePs, Box<Inputs>, Instant),
+    /// How it fared.
+    Report,
+}
+
+/// What a board answers.
+enum Answer {
+    Stepped(Box<Outputs>),
+    Report(Box<BoardReport>),
+}
+
+/// The thread of a board.
+struct Speaker {
+    bus: BusClient<Wire>,
     punctuality: Punctuality,
+}
+
+impl Speaker {
+    fn run(mut self, jobs: &Receiver<Job>, answers: &Sender<Result<Answer, BoardFault>>) {
+        for job in jobs {
+            let answer = match job {
+                Job::Step(now, inputs, due) => self.step(now, &inputs, due),
+                Job::Report => self.report(),
+            };
+            let failed = answer.is_err();
+            if answers.send(answer).is_err() || failed {
+                return;
+            }
+        }
+    }
+
+    fn step(&mut self, now: TimePs, inputs: &Inputs, due: Instant) -> Result<Answer, BoardFault> {
+        let mut outputs = Box::<Outputs>::default();
+        self.bus.begin_step(now, inputs)?;
+        self.bus.end_step(&mut outputs)?;
+        let took = due.elapsed();
+        let punctuality = &mut self.punctuality;
+        punctuality.missed_deadlines += u32::from(took > PERIOD);
+        punctuality.worst_answer_ms = punctuality.worst_answer_ms.max(took.as_secs_f64() * 1e3);
+        Ok(Answer::Stepped(outputs))
+    }
+
+    fn report(&mut self) -> Result<Answer, BoardFault> {
+        let Report { counters, link, steps, stack_used, .. } = self.bus.report()?;
+        let counted = self.bus.counters();
+        let punctuality =
+            Punctuality { damaged: counted.damaged, resent: counted.resent, ..self.punctuality };
+        Ok(Answer::Report(Box::new(BoardReport {
+            counters: Counters::from_array(counters),
+            board: Some(BoardFigures {
+                link,
+                steps,
+                stack_used: (stack_used > 0).then_some(stack_used),
+                punctuality: Some(punctuality),
+                ..BoardFigures::default()
+            }),
+        })))
+    }
 }
 
 impl SerialBoard {
     fn failed(&self, fault: BoardFault) -> BoardError {
         BoardError { drone: self.drone, port: Some(self.port.clone()), fault, log: Vec::new() }
     }
+
+    fn ask(&self, job: Job) -> Result<(), BoardError> {
+        self.jobs.send(job).map_err(|_| self.ended())
+    }
+
+    fn answer(&self) -> Result<Answer, BoardError> {
+        self.answers.recv().map_err(|_| self.ended())?.map_err(|fault| self.failed(fault))
+    }
+
+    /// The thread has ended, which it does after a fault only.
+    fn ended(&self) -> BoardError {
+        self.failed(BoardFault::Ended("it has failed before".to_owned()))
+    }
 }
 
 impl Board for SerialBoard {
     fn begin_step(&mut self, now: TimePs, inputs: &Inputs, _: &mut Outputs) -> Result<(), BoardError> {
-        self.due = self.pace.wait_for(now);
-        self.bus.begin_step(now, inputs).map_err(|fault| self.failed(fault))
+        let due = self.pace.wait_for(now);
+        self.ask(Job::Step(now, Box::new(inputs.clone()), due))
     }
 
     fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError> {
-        self.bus.end_step(outputs).map_err(|fault| self.failed(fault))?;
-        let took = self.due.elapsed();
-        let punctuality = &mut self.punctuality;
-        punctuality.missed_deadlines += u32::from(took > PERIOD);
-        punctuality.worst_answer_ms = punctuality.worst_answer_ms.max(took.as_secs_f64() * 1e3);
+        match self.answer()? {
+            Answer::Stepped(found) => *outputs = *found,
+            Answer::Report(_) => unreachable!("answers come in the order of the jobs"),
+        }
         Ok(())
     }
 
     fn report(&mut self) -> Result<BoardReport, BoardError> {
-        let Report { counters, link, steps, stack_used, .. } =
-            self.bus.report().map_err(|fault| self.failed(fault))?;
-        let counted = self.bus.counters();
-        Ok(BoardReport {
-            counters: Counters::from_array(counters),
-            board: Some(BoardFigures {
-                link,
-                steps,
-                stack_used: (stack_used > 0).then_some(stack_used),
-                punctuality: Some(Punctuality {
-                    damaged: counted.damaged,
-                    resent: counted.resent,
-                    ..self.punctuality
-                }),
-                ..BoardFigures::default()
-            }),
-        })
+        self.ask(Job::Report)?;
+        match self.answer()? {
+            Answer::Report(report) => Ok(*report),
+            Answer::Stepped(_) => unreachable!("answers come in the order of the jobs"),
+        }
     }
 }
 
