@@ -2,6 +2,8 @@
 #![forbid(unsafe_code)]
 
 pub mod boards;
+pub mod flight_board;
+pub mod line;
 pub mod mission;
 pub mod report_check;
 pub mod webdriver;

@@ -3,8 +3,8 @@
 use super::BoardFault;
 use skyroost_firmware::{
     board::bus::{
-        ActPart, BUS_VERSION, Begin, FromBoard, MAX_ATTACHED_PART, MAX_CAPTURES_PART, Refusal, Report,
-        SensePart, StepHead, ToBoard, WireConfig, decode, encode,
+        ActPart, BUS_VERSION, Begin, FromBoard, MAX_ATTACHED_PART, MAX_CAPTURES_PART, MAX_RADIO_PART,
+        Refusal, Report, SensePart, StepHead, ToBoard, WireConfig, decode, encode,
     },
     config::AgentConfig,
     io::{Inputs, Outputs},
@@ -24,8 +24,14 @@ use std::{
 /// A board that says nothing for this long hangs.
 const SILENCE: Duration = Duration::from_secs(3);
 
+/// A step that is not done by then, though the board talks, never will be.
+const STEP_LIMIT: Duration = Duration::from_secs(10);
+
+/// Longest time that a byte takes to a board and through it: thrice that of a UART at 921,600 baud.
+const BYTE_TIME: Duration = Duration::from_micros(33);
+
 /// After damage, this much silence is enough to ask again: what was to come has come, or never will.
-const SILENCE_AFTER_DAMAGE: Duration = Duration::from_millis(3);
+const SILENCE_AFTER_DAMAGE: Duration = Duration::from_millis(1);
 
 /// A way to carry bytes to a board and back.
 pub(super) trait Transport: Send {
@@ -50,6 +56,15 @@ pub(super) struct LinkKind {
     pub(super) resend_after: Option<Duration>,
     /// Bytes of the radio in one message.
     pub(super) radio_part: u8,
+    /// Parts of a step that may be on their way at once. The board takes parts in order, so that all behind a
+    /// damaged one go in vain.
+    pub(super) window: usize,
+}
+
+impl LinkKind {
+    /// A link that neither loses nor damages anything.
+    pub(super) const LOSSLESS: Self =
+        Self { resend_after: None, radio_part: MAX_RADIO_PART as u8, window: usize::MAX };
 }
 
 /// What happened on the bus, as the host saw it.
@@ -74,11 +89,16 @@ pub(super) struct BusClient<T> {
     /// The radio of the board, put together from the parts of its answers.
     radio: StreamDecoder,
     step: u32,
-    /// The present request: its frames one after the other, and where each ends.
+    /// The present request, or the parts of the present step: frames one after the other, and where each ends.
     request: Vec<u8>,
     ends: Vec<usize>,
-    /// The present frame of the request.
+    /// Parts of the step that have been sent at least once.
+    sent: usize,
+    /// What was sent last.
+    outgoing: Vec<u8>,
     frame: StreamFrame,
+    /// When the board said anything at all.
+    last_word: Instant,
     head: Option<StepHead>,
     counters: BusCounters,
 }
@@ -93,7 +113,10 @@ impl<T: Transport> BusClient<T> {
             step: 0,
             request: Vec::new(),
             ends: Vec::new(),
+            sent: 0,
+            outgoing: Vec::new(),
             frame: StreamFrame::new(),
+            last_word: Instant::now(),
             head: None,
             counters: BusCounters::default(),
         }
@@ -131,13 +154,20 @@ impl<T: Transport> BusClient<T> {
     pub(super) fn report(&mut self) -> Result<Report, BoardFault> {
         self.clear();
         self.put(&ToBoard::Report);
-        self.ask(
+        let report = self.ask(
             || "when asked how it fared".to_owned(),
             |_, message| match message {
                 FromBoard::Report(report) => Some(report),
                 _ => None,
             },
-        )
+        )?;
+        if report.steps != self.step {
+            return Err(BoardFault::Nonsense(format!(
+                "it has done {} steps of {}; it has been reset",
+                report.steps, self.step
+            )));
+        }
+        Ok(report)
     }
 
     /// Sends everything that a step needs.
@@ -168,31 +198,40 @@ impl<T: Transport> BusClient<T> {
             timer_ticks: inputs.timer_ticks,
             battery_permille: inputs.battery_permille,
         });
-        self.put_step(0);
-        self.transport.send(&self.request).map_err(fault)
+        self.send_step(0, 0)
     }
 
     /// Collects what the board wants done.
     pub(super) fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardFault> {
         let mut have: u16 = 0;
         let begun = Instant::now();
+        self.last_word = begun;
         loop {
-            let timeout = self.link.resend_after.unwrap_or(SILENCE);
-            let heard =
-                self.listen(timeout, &mut |client, message| client.on_answer(message, &mut have, outputs))?;
+            let heard = self.listen(self.patience(), &mut |client, message| {
+                client.on_answer(message, &mut have, outputs)
+            })?;
             let from = match heard {
                 Heard::Done(()) => return Ok(()),
-                _ if begun.elapsed() >= SILENCE => return Err(self.silent_in_step()),
+                _ if self.last_word.elapsed() >= SILENCE || begun.elapsed() >= STEP_LIMIT => {
+                    return Err(self.silent_in_step());
+                }
                 Heard::Nothing if self.link.resend_after.is_none() => return Err(self.silent_in_step()),
                 Heard::Hole(_) | Heard::Damage if self.link.resend_after.is_none() => {
                     return Err(BoardFault::Damaged);
                 }
                 Heard::Hole(from) => usize::from(from),
-                // The request is there, or nobody knows: the step itself is enough to hear more.
-                Heard::Nothing | Heard::Damage => usize::MAX,
+                // The parts are there, or nobody knows: the step itself is enough to hear more.
+                Heard::Nothing | Heard::Damage => self.ends.len(),
             };
-            self.resend(from, have)?;
+            // Going on where the window ended is no repetition.
+            self.counters.resent += u64::from(from < self.sent || from == self.ends.len());
+            self.send_step(from, have)?;
         }
+    }
+
+    /// How long an answer may take: what is on the way to the board takes its time.
+    fn patience(&self) -> Duration {
+        self.link.resend_after.map_or(SILENCE, |after| after + BYTE_TIME * self.outgoing.len() as u32)
     }
 
     fn silent_in_step(&self) -> BoardFault {
@@ -346,7 +385,10 @@ impl<T: Transport> BusClient<T> {
                         timeout = timeout.min(SILENCE_AFTER_DAMAGE);
                         None
                     }
-                    Some(message) => on_message(self, message)?,
+                    Some(message) => {
+                        self.last_word = Instant::now();
+                        on_message(self, message)?
+                    }
                 };
                 // Bytes that follow are taken in as well: they may end the wait.
                 if verdict.is_some() && !matches!(heard, Some(Heard::Done(_))) {
@@ -359,21 +401,23 @@ impl<T: Transport> BusClient<T> {
         }
     }
 
-    /// Sends the parts from `from` on and asks for the step once more.
-    fn resend(&mut self, from: usize, have: u16) -> Result<(), BoardFault> {
-        self.counters.resent += 1;
-        let parts = self.ends.len() - 1;
-        self.ends.truncate(parts);
-        self.request.truncate(self.ends.last().copied().unwrap_or(0));
-        let begin = from.min(parts).checked_sub(1).map_or(0, |last| self.ends[last]);
-        self.put_step(have);
-        self.transport.send(&self.request[begin..]).map_err(fault)
-    }
-
-    fn put_step(&mut self, have: u16) {
+    /// Sends parts from `from` on, as many as the window lets, and asks for the step.
+    fn send_step(&mut self, from: usize, have: u16) -> Result<(), BoardFault> {
+        let parts = self.ends.len();
+        let until = parts.min(from.saturating_add(self.link.window));
+        let end_of = |part: usize| part.checked_sub(1).map_or(0, |last| self.ends[last]);
+        self.outgoing.clear();
+        self.outgoing.extend_from_slice(&self.request[end_of(from.min(parts))..end_of(until)]);
+        self.sent = self.sent.max(until);
         let head = self.head.expect("a step has been begun");
-        let parts = self.ends.len() as u16;
-        self.put(&ToBoard::Step { step: self.step, parts, have, head });
+        let step = ToBoard::Step { step: self.step, parts: parts as u16, have, head };
+        assert!(encode(&step, &mut self.frame), "every message fits a frame");
+        self.outgoing.extend_from_slice(&self.frame);
+        if self.link.resend_after.is_some() {
+            // Should the last delimiter come damaged, this one ends the frame.
+            self.outgoing.push(0);
+        }
+        self.transport.send(&self.outgoing).map_err(fault)
     }
 
     fn put(&mut self, message: &ToBoard<'_>) {
@@ -385,6 +429,7 @@ impl<T: Transport> BusClient<T> {
     fn clear(&mut self) {
         self.request.clear();
         self.ends.clear();
+        self.sent = 0;
     }
 }
 

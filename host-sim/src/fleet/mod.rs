@@ -55,8 +55,15 @@ impl Backend {
         Ok(match self {
             Self::InProc => Hangar::InProc,
             Self::Qemu(options) => Hangar::Qemu(qemu::Launcher::new(options)?),
-            Self::Serial(ports) if ports.len() == drones => Hangar::Serial(serial::Ports::new(ports)),
-            Self::Serial(ports) => return Err(BackendError::Ports { ports: ports.len(), drones }),
+            Self::Serial(ports) if ports.len() != drones => {
+                return Err(BackendError::Ports { ports: ports.len(), drones });
+            }
+            Self::Serial(ports) => {
+                if let Some(port) = serial::first_repeated(ports) {
+                    return Err(BackendError::PortTwice(port.clone()));
+                }
+                Hangar::Serial(serial::Ports::new(ports))
+            }
         })
     }
 }
@@ -93,18 +100,27 @@ pub enum BackendError {
         /// Drones of the mission.
         drones: usize,
     },
+    /// Two drones cannot share a board.
+    #[error("--backend: found the port {} twice; expected another port for each drone", .0.display())]
+    PortTwice(PathBuf),
 }
 
 /// A board failed.
 #[derive(Debug, Error)]
-#[error("board of drone {drone}: {fault}{}", tail_of(log))]
+#[error("board of drone {drone}{}: {fault}{}", place_of(port), tail_of(log))]
 pub struct BoardError {
     /// Whose.
     pub drone: u16,
+    /// The port it is at, where it is at one.
+    pub port: Option<PathBuf>,
     /// What happened.
     pub fault: BoardFault,
     /// The last lines of its log, oldest first.
     pub log: Vec<String>,
+}
+
+fn place_of(port: &Option<PathBuf>) -> String {
+    port.as_ref().map_or_else(String::new, |port| format!(" at {}", port.display()))
 }
 
 fn tail_of(log: &[String]) -> String {

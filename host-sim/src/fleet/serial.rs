@@ -21,16 +21,24 @@ use skyroost_protocol::units::TimePs;
 use std::{
     io,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        mpsc::{Receiver, Sender, channel},
+    },
     time::{Duration, Instant},
 };
 
 /// Bits a second on the wire; the image's UART has the same.
 pub const BAUD: u32 = 921_600;
-/// A request without an answer for this long is sent again: several times what a good exchange takes.
-const RESEND_AFTER: Duration = Duration::from_millis(40);
+/// A request without an answer for this long is sent again: more than a good exchange takes (the worst step 6 ms,
+/// the wire some 11 us a byte), and little enough for a second one within the step's 20 ms. One that comes too
+/// early costs its bytes and nothing else.
+const RESEND_AFTER: Duration = Duration::from_millis(10);
 /// Bytes of the radio in a message: short, as every damaged byte costs a whole message.
 const RADIO_PART: u8 = 48;
+/// Parts of a step that may be on their way at once: where one byte in a hundred is damaged, about two in a row
+/// arrive.
+const WINDOW: usize = 6;
 /// Time from one step to the next.
 const PERIOD: Duration = Duration::from_micros(STEP_US as u64);
 
@@ -48,20 +56,35 @@ impl Ports {
     /// Starts the board of a drone: drone 1 is at the first port.
     pub(crate) fn start(&self, config: AgentConfig) -> Result<SerialBoard, BoardError> {
         let drone = config.id.0;
-        let failed = |fault| BoardError { drone, fault, log: Vec::new() };
         let path = &self.ports[usize::from(drone) - 1];
-        let port = open(path)
-            .map_err(|error| failed(BoardFault::NotStarted(format!("{}: {error}", path.display()))))?;
-        let link = LinkKind { resend_after: Some(RESEND_AFTER), radio_part: RADIO_PART };
+        let failed = |fault| BoardError { drone, port: Some(path.clone()), fault, log: Vec::new() };
+        let port = open(path).map_err(|error| failed(BoardFault::NotStarted(error.to_string())))?;
+        let link = LinkKind { resend_after: Some(RESEND_AFTER), radio_part: RADIO_PART, window: WINDOW };
         let mut bus = BusClient::new(Wire { port, timeout: Duration::ZERO }, link);
         bus.begin(&config).map_err(failed)?;
-        let punctuality = Punctuality::default();
-        Ok(SerialBoard { drone, bus, pace: Arc::clone(&self.pace), due: Instant::now(), punctuality })
+        let speaker = Speaker { bus, punctuality: Punctuality::default() };
+        let (jobs, to_do) = channel();
+        let (done, answers) = channel();
+        std::thread::Builder::new()
+            .name(format!("drone {drone}"))
+            .spawn(move || speaker.run(&to_do, &done))
+            .map_err(|error| failed(BoardFault::NotStarted(format!("no thread for it: {error}"))))?;
+        let pace = Arc::clone(&self.pace);
+        Ok(SerialBoard { drone, port: path.clone(), pace, jobs, answers })
     }
 }
 
+/// The first port that is there twice, be it by two names.
+pub(super) fn first_repeated(ports: &[PathBuf]) -> Option<&PathBuf> {
+    // A port that is not there has no other name; it is refused when it is opened.
+    let devices: Vec<PathBuf> =
+        ports.iter().map(|port| port.canonicalize().unwrap_or_else(|_| port.clone())).collect();
+    (0..ports.len()).find(|&at| devices[..at].contains(&devices[at])).map(|at| &ports[at])
+}
+
 fn open(path: &Path) -> io::Result<SerialPort> {
-    let port = SerialPort::open(path, BAUD)?;
+    let mut port = SerialPort::open(path, BAUD)?;
+    port.set_write_timeout(PERIOD)?;
     // What a board said before is not for this flight.
     port.discard_buffers()?;
     Ok(port)
@@ -75,7 +98,11 @@ struct Wire {
 
 impl Transport for Wire {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.port.write_all(bytes)
+        match self.port.write_all(bytes) {
+            // A port that takes no more has nobody behind it: the silence that follows will be noticed.
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(()),
+            result => result.map_err(unplugged),
+        }
     }
 
     fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
@@ -84,12 +111,23 @@ impl Transport for Wire {
             self.timeout = timeout;
         }
         match self.port.read(bytes) {
-            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(0) => Err(io::Error::new(io::ErrorKind::NotConnected, GONE)),
             Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {
                 Ok(0)
             }
-            result => result,
+            result => result.map_err(unplugged),
         }
+    }
+}
+
+const GONE: &str = "the port is gone; has it been unplugged?";
+
+/// Says what the system means when a device is taken away.
+fn unplugged(error: io::Error) -> io::Error {
+    use rustix::io::Errno;
+    match Errno::from_io_error(&error) {
+        Some(Errno::IO | Errno::NXIO | Errno::NODEV) => io::Error::new(io::ErrorKind::NotConnected, GONE),
+        _ => error,
     }
 }
 
@@ -133,55 +171,118 @@ pub struct Punctuality {
     pub resent: u64,
 }
 
-/// One board on a serial port.
+/// One board on a serial port. A thread of its own speaks with it, so that what is damaged on the way to one board
+/// keeps no other waiting.
 pub struct SerialBoard {
     drone: u16,
-    bus: BusClient<Wire>,
+    port: PathBuf,
     pace: Arc<Pace>,
-    /// When the present step was due to begin.
-    due: Instant,
+    jobs: Sender<Job>,
+    answers: Receiver<Result<Answer, BoardFault>>,
+}
+
+/// What is asked of a board.
+enum Job {
+    /// A step, due to begin at an instant.
+    Step(TimePs, Box<Inputs>, Instant),
+    /// How it fared.
+    Report,
+}
+
+/// What a board answers.
+enum Answer {
+    Stepped(Box<Outputs>),
+    Report(Box<BoardReport>),
+}
+
+/// The thread of a board.
+struct Speaker {
+    bus: BusClient<Wire>,
     punctuality: Punctuality,
 }
 
-impl SerialBoard {
-    fn failed(&self, fault: BoardFault) -> BoardError {
-        BoardError { drone: self.drone, fault, log: Vec::new() }
+impl Speaker {
+    fn run(mut self, jobs: &Receiver<Job>, answers: &Sender<Result<Answer, BoardFault>>) {
+        for job in jobs {
+            let answer = match job {
+                Job::Step(now, inputs, due) => self.step(now, &inputs, due),
+                Job::Report => self.report(),
+            };
+            let failed = answer.is_err();
+            if answers.send(answer).is_err() || failed {
+                return;
+            }
+        }
     }
-}
 
-impl Board for SerialBoard {
-    fn begin_step(&mut self, now: TimePs, inputs: &Inputs, _: &mut Outputs) -> Result<(), BoardError> {
-        self.due = self.pace.wait_for(now);
-        self.bus.begin_step(now, inputs).map_err(|fault| self.failed(fault))
-    }
-
-    fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError> {
-        self.bus.end_step(outputs).map_err(|fault| self.failed(fault))?;
-        let took = self.due.elapsed();
+    fn step(&mut self, now: TimePs, inputs: &Inputs, due: Instant) -> Result<Answer, BoardFault> {
+        let mut outputs = Box::<Outputs>::default();
+        self.bus.begin_step(now, inputs)?;
+        self.bus.end_step(&mut outputs)?;
+        let took = due.elapsed();
         let punctuality = &mut self.punctuality;
         punctuality.missed_deadlines += u32::from(took > PERIOD);
         punctuality.worst_answer_ms = punctuality.worst_answer_ms.max(took.as_secs_f64() * 1e3);
-        Ok(())
+        Ok(Answer::Stepped(outputs))
     }
 
-    fn report(&mut self) -> Result<BoardReport, BoardError> {
-        let Report { counters, link, steps, stack_used, .. } =
-            self.bus.report().map_err(|fault| self.failed(fault))?;
+    fn report(&mut self) -> Result<Answer, BoardFault> {
+        let Report { counters, link, steps, stack_used, .. } = self.bus.report()?;
         let counted = self.bus.counters();
-        Ok(BoardReport {
+        let punctuality =
+            Punctuality { damaged: counted.damaged, resent: counted.resent, ..self.punctuality };
+        Ok(Answer::Report(Box::new(BoardReport {
             counters: Counters::from_array(counters),
             board: Some(BoardFigures {
                 link,
                 steps,
                 stack_used: (stack_used > 0).then_some(stack_used),
-                punctuality: Some(Punctuality {
-                    damaged: counted.damaged,
-                    resent: counted.resent,
-                    ..self.punctuality
-                }),
+                punctuality: Some(punctuality),
                 ..BoardFigures::default()
             }),
-        })
+        })))
+    }
+}
+
+impl SerialBoard {
+    fn failed(&self, fault: BoardFault) -> BoardError {
+        BoardError { drone: self.drone, port: Some(self.port.clone()), fault, log: Vec::new() }
+    }
+
+    fn ask(&self, job: Job) -> Result<(), BoardError> {
+        self.jobs.send(job).map_err(|_| self.ended())
+    }
+
+    fn answer(&self) -> Result<Answer, BoardError> {
+        self.answers.recv().map_err(|_| self.ended())?.map_err(|fault| self.failed(fault))
+    }
+
+    /// The thread has ended, which it does after a fault only.
+    fn ended(&self) -> BoardError {
+        self.failed(BoardFault::Ended("it has failed before".to_owned()))
+    }
+}
+
+impl Board for SerialBoard {
+    fn begin_step(&mut self, now: TimePs, inputs: &Inputs, _: &mut Outputs) -> Result<(), BoardError> {
+        let due = self.pace.wait_for(now);
+        self.ask(Job::Step(now, Box::new(inputs.clone()), due))
+    }
+
+    fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError> {
+        match self.answer()? {
+            Answer::Stepped(found) => *outputs = *found,
+            Answer::Report(_) => unreachable!("answers come in the order of the jobs"),
+        }
+        Ok(())
+    }
+
+    fn report(&mut self) -> Result<BoardReport, BoardError> {
+        self.ask(Job::Report)?;
+        match self.answer()? {
+            Answer::Report(report) => Ok(*report),
+            Answer::Stepped(_) => unreachable!("answers come in the order of the jobs"),
+        }
     }
 }
 
@@ -199,6 +300,20 @@ mod tests {
         let late = at(2);
         assert!(late - first >= 6 * PERIOD, "begun when it was asked for");
         assert!(at(3) - late == PERIOD, "and on the grid again");
+    }
+
+    #[test]
+    fn a_port_is_the_same_by_any_name() {
+        let repeated = |ports: &[&str]| {
+            let ports: Vec<PathBuf> = ports.iter().map(PathBuf::from).collect();
+            first_repeated(&ports).cloned()
+        };
+        assert_eq!(repeated(&["/dev/null", "/dev/zero", "/dev/no-such-port"]), None);
+        assert_eq!(
+            repeated(&["/dev/null", "/dev/zero", "/dev/../dev/null"]),
+            Some("/dev/../dev/null".into())
+        );
+        assert_eq!(repeated(&["/no-such-port", "/no-such-port"]), Some("/no-such-port".into()));
     }
 
     #[test]

@@ -113,7 +113,9 @@ impl From<BackendError> for RunError {
             BackendError::Image(error @ ImageError::Unreadable { .. }) => {
                 Self::BadInput(InputError::Image(error))
             }
-            BackendError::Ports { .. } => Self::BadInput(InputError::Ports(error)),
+            BackendError::Ports { .. } | BackendError::PortTwice(_) => {
+                Self::BadInput(InputError::Ports(error))
+            }
             other => Self::Link(other.to_string()),
         }
     }

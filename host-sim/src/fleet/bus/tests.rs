@@ -172,8 +172,10 @@ fn inputs() -> impl Strategy<Value = Inputs> {
 fn same_over_the_bus(seed: u64, damage_one_in: u32, steps: &[Inputs]) -> BusCounters {
     let config = AgentConfig::new(DroneId(3));
     let mut direct = FlightAgent::new(config);
-    let resend_after = (damage_one_in > 0).then_some(Duration::ZERO);
-    let link = LinkKind { resend_after, radio_part: if damage_one_in > 0 { 48 } else { 200 } };
+    let link = match damage_one_in {
+        0 => LinkKind::LOSSLESS,
+        _ => LinkKind { resend_after: Some(Duration::ZERO), radio_part: 48, window: 6 },
+    };
     let mut bus = BusClient::new(Loopback::new(seed, damage_one_in), link);
     bus.begin(&config).unwrap();
     for (index, inputs) in steps.iter().enumerate() {
@@ -219,10 +221,9 @@ fn damage_is_seen_and_mended() {
 #[test]
 fn damage_where_there_should_be_none_is_a_fault() {
     let config = AgentConfig::new(DroneId(3));
-    let lossless = LinkKind { resend_after: None, radio_part: 200 };
     let faults: Vec<BoardFault> = (0..20)
         .filter_map(|seed| {
-            let mut bus = BusClient::new(Loopback::new(seed, 40), lossless);
+            let mut bus = BusClient::new(Loopback::new(seed, 40), LinkKind::LOSSLESS);
             let mut run = || {
                 bus.begin(&config)?;
                 for step in 0..100 {
@@ -252,7 +253,7 @@ fn a_board_that_says_nothing_is_given_up() {
         }
     }
     for resend_after in [None, Some(Duration::from_millis(200))] {
-        let mut bus = BusClient::new(Deaf, LinkKind { resend_after, radio_part: 200 });
+        let mut bus = BusClient::new(Deaf, LinkKind { resend_after, ..LinkKind::LOSSLESS });
         let begun = Instant::now();
         let fault = bus.begin(&AgentConfig::new(DroneId(3))).unwrap_err();
         assert!(matches!(fault, BoardFault::Silent { .. }), "{fault}");

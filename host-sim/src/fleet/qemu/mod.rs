@@ -19,7 +19,7 @@ use super::{
 use fifo::Fifos;
 use log::LogReader;
 use skyroost_firmware::{
-    board::bus::{MAX_RADIO_PART, Report},
+    board::bus::Report,
     config::AgentConfig,
     counters::Counters,
     io::{Inputs, Outputs},
@@ -83,8 +83,12 @@ impl Launcher {
     /// When the emulator cannot be started or what it runs is no board of this version.
     pub fn start(&self, config: AgentConfig) -> Result<Emulator, BoardError> {
         let drone = config.id.0;
-        let not_started =
-            |what: String| BoardError { drone, fault: BoardFault::NotStarted(what), log: Vec::new() };
+        let not_started = |what: String| BoardError {
+            drone,
+            port: None,
+            fault: BoardFault::NotStarted(what),
+            log: Vec::new(),
+        };
         let folder =
             Folder::make().map_err(|error| not_started(format!("no folder for its FIFOs: {error}")))?;
         let process = self.spawn(folder.path()).map_err(|error| match error.kind() {
@@ -98,8 +102,7 @@ impl Launcher {
         let reader = self.reader.clone();
         let mut emulator = Emulator { drone, process, bus: None, folder, _guard: guard, reader, log_to };
         let fifos = emulator.connect(&self.image.path)?;
-        let link = LinkKind { resend_after: None, radio_part: MAX_RADIO_PART as u8 };
-        let bus = emulator.bus.insert(BusClient::new(fifos, link));
+        let bus = emulator.bus.insert(BusClient::new(fifos, LinkKind::LOSSLESS));
         let begun = bus.begin(&config);
         begun.map_err(|fault| emulator.failed(fault))?;
         Ok(emulator)
@@ -183,7 +186,7 @@ impl Emulator {
             other => other,
         };
         let log = self.reader.tail(&self.folder.path().join(LOG));
-        BoardError { drone: self.drone, fault, log }
+        BoardError { drone: self.drone, port: None, fault, log }
     }
 
     fn with_bus<A>(
