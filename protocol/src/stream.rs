@@ -14,6 +14,8 @@ use heapless::Vec;
 const CRC_LEN: usize = 4;
 /// Bytes of the longest frame with its checksum.
 const MAX_PAYLOAD: usize = MAX_FRAME + CRC_LEN;
+/// Bytes of the longest payload, stuffed.
+const MAX_BLOCK: usize = 1 + MAX_PAYLOAD;
 /// Bytes of the longest frame on the link: two delimiters and one byte of COBS more.
 pub const MAX_STREAM: usize = 1 + 1 + MAX_PAYLOAD + 1;
 
@@ -23,7 +25,9 @@ const _: () = assert!(MAX_STREAM <= 256, "a frame fits the usual 256-byte buffer
 /// One frame as it goes over the link.
 pub type StreamFrame = Vec<u8, MAX_STREAM>;
 
-const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+/// Bytes that a step of the checksum takes: 16 need 16 KiB of tables, which a chip has better uses for.
+const CRC_LANES: usize = if cfg!(feature = "fast-crc") { 16 } else { 1 };
+const CRC: Crc<u32, Table<CRC_LANES>> = Crc::<u32, Table<CRC_LANES>>::new(&CRC_32_ISO_HDLC);
 
 /// Replaces `out` by `frame` as it goes over the link.
 ///
@@ -100,21 +104,21 @@ pub struct StreamCounters {
 /// Every zero starts anew, so that damage costs no more than the frame it hits.
 #[derive(Clone, Debug)]
 pub struct StreamDecoder {
-    /// What is unstuffed of the present frame.
-    payload: Vec<u8, MAX_PAYLOAD>,
+    /// What has come of the present frame, still stuffed; or the last frame, unstuffed.
+    block: Vec<u8, MAX_BLOCK>,
     state: State,
     counters: StreamCounters,
 }
 
-/// What the next byte means, a zero apart.
+/// What the block holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// The first code byte of a frame.
-    Start,
-    /// A byte of a run of which so many are left; none left: the code byte of the next run.
-    Run(u8),
-    /// Nothing: the frame was too long and is being skipped.
-    Skip,
+    /// The beginning of a frame.
+    Filling,
+    /// A frame that has been handed out.
+    Done,
+    /// Nothing: the present frame was too long and is being skipped.
+    Skipping,
 }
 
 impl Default for StreamDecoder {
@@ -128,8 +132,8 @@ impl StreamDecoder {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            payload: Vec::new(),
-            state: State::Start,
+            block: Vec::new(),
+            state: State::Filling,
             counters: StreamCounters { frames: 0, crc_errors: 0, cobs_errors: 0, overflow: 0, runt: 0 },
         }
     }
@@ -152,70 +156,61 @@ impl StreamDecoder {
     /// Takes bytes up to the end of the first frame among them; returns how many it took, and the frame or
     /// what is wrong with it. Without a frame it takes all.
     pub fn take(&mut self, bytes: &[u8]) -> (usize, Option<Result<&[u8], StreamError>>) {
-        let mut rest = bytes;
-        while let Some((&byte, tail)) = rest.split_first() {
-            if byte == 0 {
-                rest = tail;
-                if let Some(end) = self.finish() {
-                    let frame =
-                        self.payload.split_last_chunk::<CRC_LEN>().map_or(&[][..], |(frame, _)| frame);
-                    return (bytes.len() - rest.len(), Some(end.map(|()| frame)));
+        let mut taken = 0;
+        while let Some(rest) = bytes.get(taken..).filter(|rest| !rest.is_empty()) {
+            let zero = rest.iter().position(|byte| *byte == 0);
+            let piece = zero.and_then(|zero| rest.get(..zero)).unwrap_or(rest);
+            taken += piece.len() + usize::from(zero.is_some());
+            match (self.state, zero) {
+                (State::Skipping, None) => continue,
+                (State::Skipping, Some(_)) => {
+                    self.state = State::Filling;
+                    continue;
                 }
+                (State::Done, _) => {
+                    self.block.clear();
+                    self.state = State::Filling;
+                }
+                (State::Filling, _) => {}
+            }
+            if self.block.extend_from_slice(piece).is_err() {
+                self.block.clear();
+                self.state = if zero.is_none() { State::Skipping } else { State::Filling };
+                return (taken, Some(Err(self.counters.refuse(StreamError::Overflow))));
+            }
+            // Two delimiters in a row have nothing between them.
+            if zero.is_none() || self.block.is_empty() {
                 continue;
             }
-            let fits = match self.state {
-                State::Start => {
-                    self.payload.clear();
-                    self.state = State::Run(byte - 1);
-                    rest = tail;
-                    true
-                }
-                State::Run(0) => {
-                    // The zero between two runs.
-                    self.state = State::Run(byte - 1);
-                    rest = tail;
-                    self.payload.push(0).is_ok()
-                }
-                State::Run(left) => {
-                    let run = rest.get(..usize::from(left)).unwrap_or(rest);
-                    let run = run
-                        .iter()
-                        .position(|byte| *byte == 0)
-                        .and_then(|zero| run.get(..zero))
-                        .unwrap_or(run);
-                    self.state = State::Run(left.wrapping_sub(run.len() as u8));
-                    rest = rest.get(run.len()..).unwrap_or(&[]);
-                    self.payload.extend_from_slice(run).is_ok()
-                }
-                State::Skip => {
-                    rest = tail;
-                    true
-                }
-            };
-            if !fits {
-                self.state = State::Skip;
-                return (bytes.len() - rest.len(), Some(Err(self.counters.refuse(StreamError::Overflow))));
-            }
+            self.state = State::Done;
+            return (taken, Some(self.finish()));
         }
-        (bytes.len(), None)
+        (taken, None)
     }
 
-    /// At a delimiter: whether there is a frame before it, and whether it is sound.
-    fn finish(&mut self) -> Option<Result<(), StreamError>> {
-        let state = core::mem::replace(&mut self.state, State::Start);
-        let checked = match state {
-            State::Start | State::Skip => return None,
-            State::Run(0) => check(&self.payload),
-            State::Run(_) => Err(StreamError::Cobs),
-        };
-        match checked {
-            Ok(()) => self.counters.frames = self.counters.frames.saturating_add(1),
-            Err(error) => {
-                self.counters.refuse(error);
+    /// The frame in a whole block.
+    fn finish(&mut self) -> Result<&[u8], StreamError> {
+        match unstuff(&mut self.block).and_then(|()| check(self.block.get(1..).unwrap_or(&[]))) {
+            Ok(()) => {
+                self.counters.frames = self.counters.frames.saturating_add(1);
+                let payload = self.block.get(1..).unwrap_or(&[]);
+                Ok(payload.split_last_chunk::<CRC_LEN>().map_or(&[][..], |(frame, _)| frame))
             }
+            Err(error) => Err(self.counters.refuse(error)),
         }
-        Some(checked)
     }
+}
+
+/// Turns every code byte, which says how far it is to the next one, back into the zero that it stands for; the
+/// first one stands for none.
+fn unstuff(block: &mut [u8]) -> Result<(), StreamError> {
+    let mut rest = block;
+    while let Some((code, run)) = rest.split_first_mut() {
+        let len = usize::from(*code).saturating_sub(1); // a block has no zeros
+        *code = 0;
+        rest = run.get_mut(len..).ok_or(StreamError::Cobs)?;
+    }
+    Ok(())
 }
 
 /// Whether a payload has the right checksum.
