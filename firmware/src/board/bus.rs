@@ -66,6 +66,9 @@ pub enum ToBoard<'a> {
         parts: u16,
         /// Parts of the answer that have arrived already.
         have: u16,
+        /// Tells apart the requests for one step; the answer repeats it, so that answers to requests given up
+        /// do not start others.
+        attempt: u8,
         /// What fits every step.
         head: StepHead,
     },
@@ -250,6 +253,8 @@ pub enum FromBoard<'a> {
         step: u32,
         /// The first part that is missing.
         next: u16,
+        /// The request's.
+        attempt: u8,
     },
     /// Part `index` of what step `step` wants done.
     Act {
@@ -267,6 +272,8 @@ pub enum FromBoard<'a> {
         step: u32,
         /// Parts of the answer.
         parts: u16,
+        /// The request's.
+        attempt: u8,
         /// For the autopilot.
         setpoint: WireSetpoint,
         /// What the step took, in the board's own units: see [`Report::worst_step_cost`].
@@ -470,7 +477,7 @@ mod tests {
             let odd = f32::from_bits(bits);
             let nav = WireNav { pos_enu_m: [odd; 3], vel_enu_mps: [odd; 3], error_radius_m: odd };
             let head = StepHead { now: TimePs(-1), nav: Some(nav), timer_ticks: 1, battery_permille: 2 };
-            let payload = payload_of(&ToBoard::Step { step: 1, parts: 0, have: 0, head });
+            let payload = payload_of(&ToBoard::Step { step: 1, parts: 0, have: 0, attempt: 0, head });
             let Some(ToBoard::Step { head, .. }) = decode(&payload) else { panic!("another message") };
             let fix = NavFix::from(head.nav.expect("a fix"));
             assert!(fix.pos_enu_m.iter().chain(&fix.vel_enu_mps).all(|x| x.to_bits() == bits));

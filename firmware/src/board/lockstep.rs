@@ -57,6 +57,8 @@ struct Steps {
     done: u32,
     /// Parts of the step after it that have arrived.
     next: u16,
+    /// Of the last request for a step.
+    attempt: u8,
     link: LinkCounters,
     cost: u32,
     worst_cost: u32,
@@ -79,8 +81,8 @@ impl Lockstep {
             radio_damaged: 0,
             inputs_overflowed: 0,
         };
-        let (radio_part, done, next, cost, worst_cost) = (MAX_RADIO_PART, 0, 0, 0, 0);
-        let steps = Steps { begun: None, radio_part, done, next, link, cost, worst_cost };
+        let (radio_part, done, next, attempt, cost, worst_cost) = (MAX_RADIO_PART, 0, 0, 0, 0, 0);
+        let steps = Steps { begun: None, radio_part, done, next, attempt, link, cost, worst_cost };
         Self { decoder: StreamDecoder::new(), steps }
     }
 
@@ -117,6 +119,7 @@ impl Lockstep {
             step: self.steps.done,
             have,
             index: 0,
+            attempt: self.steps.attempt,
             cost: self.steps.cost,
             radio_part: self.steps.radio_part,
             frame: 0,
@@ -169,17 +172,19 @@ impl Steps {
                 self.next = self.next.saturating_add(1);
                 self.sense(part, inputs)
             }
-            ToBoard::Step { step, have, .. } if step == self.done && step > 0 => {
+            ToBoard::Step { step, have, attempt, .. } if step == self.done && step > 0 => {
+                self.attempt = attempt;
                 Counters::count(&mut self.link.bus_repeated);
                 Some(Ask::Answer { have })
             }
             ToBoard::Step { step, .. } if Some(step) != self.done.checked_add(1) => {
                 refuse(Refusal::OutOfStep(self.done))
             }
-            ToBoard::Step { step, parts, have, head } => {
+            ToBoard::Step { step, parts, have, attempt, head } => {
+                self.attempt = attempt;
                 if parts != self.next {
                     Counters::count(&mut self.link.bus_repeated);
-                    return Some(Ask::Say(FromBoard::Missing { step, next: self.next }));
+                    return Some(Ask::Say(FromBoard::Missing { step, next: self.next, attempt }));
                 }
                 (self.done, self.next) = (step, 0);
                 inputs.nav = head.nav.map(Into::into);
@@ -228,6 +233,7 @@ pub struct Answer<'a> {
     /// Parts before this one are not wanted.
     have: u16,
     index: u16,
+    attempt: u8,
     cost: u32,
     radio_part: usize,
     /// The next frame of the radio: those for the control center first, then those for the mates.
@@ -244,14 +250,14 @@ pub struct Answer<'a> {
 impl Answer<'_> {
     /// Replaces `frame` by the next frame of the answer; false after the last.
     pub fn next_frame(&mut self, frame: &mut StreamFrame) -> bool {
-        let (step, have, cost) = (self.step, self.have, self.cost);
+        let (step, have, attempt, cost) = (self.step, self.have, self.attempt, self.cost);
         while !self.done {
             let index = self.index;
             let outputs = self.outputs;
             let Some(part) = self.next_part() else {
                 self.done = true;
                 let setpoint = outputs.setpoint.into();
-                return encode(&FromBoard::Done { step, parts: index, setpoint, cost }, frame);
+                return encode(&FromBoard::Done { step, parts: index, attempt, setpoint, cost }, frame);
             };
             let wanted = index >= have;
             if wanted {

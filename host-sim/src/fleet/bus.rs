@@ -96,6 +96,9 @@ pub(super) struct BusClient<T> {
     sent: usize,
     /// What was sent last.
     outgoing: Vec<u8>,
+    /// Number of the last request for a step, and how many in a row came to nothing.
+    attempt: u8,
+    in_vain: u32,
     frame: StreamFrame,
     /// When the board said anything at all.
     last_word: Instant,
@@ -115,6 +118,8 @@ impl<T: Transport> BusClient<T> {
             ends: Vec::new(),
             sent: 0,
             outgoing: Vec::new(),
+            attempt: 0,
+            in_vain: 0,
             frame: StreamFrame::new(),
             last_word: Instant::now(),
             head: None,
@@ -206,14 +211,18 @@ impl<T: Transport> BusClient<T> {
         let mut have: u16 = 0;
         let begun = Instant::now();
         self.last_word = begun;
+        self.in_vain = 0;
         loop {
+            let had = have;
             let heard = self.listen(self.patience(), &mut |client, message| {
                 client.on_answer(message, &mut have, outputs)
             })?;
             let from = match heard {
                 Heard::Done(()) => return Ok(()),
-                _ if self.last_word.elapsed() >= SILENCE || begun.elapsed() >= STEP_LIMIT => {
-                    return Err(self.silent_in_step());
+                _ if self.last_word.elapsed() >= SILENCE => return Err(self.silent_in_step()),
+                _ if begun.elapsed() >= STEP_LIMIT => {
+                    let (step, limit_s) = (self.step, STEP_LIMIT.as_secs());
+                    return Err(BoardFault::Nonsense(format!("step {step} is not done after {limit_s} s")));
                 }
                 Heard::Nothing if self.link.resend_after.is_none() => return Err(self.silent_in_step()),
                 Heard::Hole(_) | Heard::Damage if self.link.resend_after.is_none() => {
@@ -223,6 +232,9 @@ impl<T: Transport> BusClient<T> {
                 // The parts are there, or nobody knows: the step itself is enough to hear more.
                 Heard::Nothing | Heard::Damage => self.ends.len(),
             };
+            // A board that is slow must not be asked faster than it can answer.
+            let progress = have > had || matches!(heard, Heard::Hole(_));
+            self.in_vain = if progress { 0 } else { self.in_vain + 1 };
             // Going on where the window ended is no repetition.
             self.counters.resent += u64::from(from < self.sent || from == self.ends.len());
             self.send_step(from, have)?;
@@ -231,7 +243,14 @@ impl<T: Transport> BusClient<T> {
 
     /// How long an answer may take: what is on the way to the board takes its time.
     fn patience(&self) -> Duration {
-        self.link.resend_after.map_or(SILENCE, |after| after + BYTE_TIME * self.outgoing.len() as u32)
+        self.link
+            .resend_after
+            .map_or(SILENCE, |after| (after + BYTE_TIME * self.outgoing.len() as u32) * self.backoff())
+    }
+
+    /// Doubles with every request in a row that came to nothing.
+    fn backoff(&self) -> u32 {
+        1 << self.in_vain.min(5)
     }
 
     fn silent_in_step(&self) -> BoardFault {
@@ -253,8 +272,11 @@ impl<T: Transport> BusClient<T> {
                 }
                 Ok(None)
             }
-            FromBoard::Done { step, parts, setpoint, cost } if step == self.step => {
+            FromBoard::Done { step, parts, attempt, setpoint, cost } if step == self.step => {
                 if parts > *have {
+                    if attempt != self.attempt {
+                        return Ok(None); // another answer is on its way
+                    }
                     // Something in between was damaged.
                     return Ok(Some(Heard::Damage));
                 }
@@ -264,7 +286,9 @@ impl<T: Transport> BusClient<T> {
                 self.counters.cost_worst = self.counters.cost_worst.max(cost);
                 Ok(Some(Heard::Done(())))
             }
-            FromBoard::Missing { step, next } if step == self.step => Ok(Some(Heard::Hole(next))),
+            FromBoard::Missing { step, next, attempt } if step == self.step && attempt == self.attempt => {
+                Ok(Some(Heard::Hole(next)))
+            }
             FromBoard::Refused(Refusal::OutOfStep(done)) => Err(BoardFault::Nonsense(format!(
                 "it is at step {done} when asked for step {}; it may have been reset",
                 self.step
@@ -382,7 +406,7 @@ impl<T: Transport> BusClient<T> {
                     // Damage shows as a hole in what follows, or as silence.
                     Some(FromBoard::Damaged) | None => {
                         self.counters.damaged += 1;
-                        timeout = timeout.min(SILENCE_AFTER_DAMAGE);
+                        timeout = timeout.min(SILENCE_AFTER_DAMAGE * self.backoff());
                         None
                     }
                     Some(message) => {
@@ -410,7 +434,9 @@ impl<T: Transport> BusClient<T> {
         self.outgoing.extend_from_slice(&self.request[end_of(from.min(parts))..end_of(until)]);
         self.sent = self.sent.max(until);
         let head = self.head.expect("a step has been begun");
-        let step = ToBoard::Step { step: self.step, parts: parts as u16, have, head };
+        self.attempt = self.attempt.wrapping_add(1);
+        let attempt = self.attempt;
+        let step = ToBoard::Step { step: self.step, parts: parts as u16, have, attempt, head };
         assert!(encode(&step, &mut self.frame), "every message fits a frame");
         self.outgoing.extend_from_slice(&self.frame);
         if self.link.resend_after.is_some() {
