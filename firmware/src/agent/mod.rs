@@ -119,6 +119,7 @@ impl FlightAgent {
 
     /// One step, [`STEP_HZ`](crate::STEP_HZ) times a second: takes `inputs`, fills `outputs` (which the
     /// caller has cleared). `now` is GNSS time since the mission's epoch and never runs backwards.
+    #[inline(never)] // a function of its own in every image, whose calls and stack can be read there
     pub fn step(&mut self, now: TimePs, inputs: &Inputs, outputs: &mut Outputs) {
         self.receive(now, inputs, outputs);
         let fix = self.estimate(now, inputs, outputs);
