@@ -164,7 +164,7 @@ fn a_port_that_is_not_there_is_a_board_that_failed() {
     let bench = Bench::new().file("file", "");
     for (ports, told) in [
         ("/dev/none-1,/dev/none-2,/dev/none-3", ["board of drone 1", "/dev/none-1"]),
-        ("file,file,file", ["board of drone 1", "file"]),
+        ("file,/dev/none-2,/dev/none-3", ["board of drone 1", "file"]),
     ] {
         let backend = format!("serial:{ports}");
         let ran = bench.run(&["mission", "--drones", "3", "--backend", &backend]);

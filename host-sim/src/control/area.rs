@@ -110,10 +110,16 @@ impl Area {
         if bytes.iter().all(u8::is_ascii_whitespace) {
             return Err(Fault::content("the whole file", "nothing", "a GeoJSON polygon"));
         }
-        let json: GeoJson = serde_json::from_slice(bytes).map_err(|e| {
-            let place = format!("line {}, column {}", e.line(), e.column());
+        let fault = |e: serde_json::Error| {
+            let place = match e.line() {
+                0 => "the whole file".to_owned(), // the structure is wrong, not a character
+                line => format!("line {line}, column {}", e.column()),
+            };
             Fault::content(place, e.to_string(), "GeoJSON (RFC 7946)")
-        })?;
+        };
+        let mut value: serde_json::Value = serde_json::from_slice(bytes).map_err(fault)?;
+        plain_numbers(&mut value);
+        let json: GeoJson = serde_json::from_value(value).map_err(fault)?;
         let (place, ring) = the_ring(json)?;
         let frame = frame_around(&ring, &place)?;
         let points_m: Vec<V2> = ring.iter().map(|p| frame.to_local_m(p[0], p[1])).collect();
@@ -183,6 +189,21 @@ fn quoted(text: &str) -> String {
         short.push_str("...");
     }
     format!("{short:?}")
+}
+
+/// Makes every number one that reads as an `f64`. A crate for the boards' logs has serde_json keep numbers as
+/// text (`arbitrary_precision`), which the readers of GeoJSON do not understand.
+fn plain_numbers(value: &mut serde_json::Value) {
+    match value {
+        serde_json::Value::Number(number) => {
+            if let Some(plain) = number.as_f64().and_then(serde_json::Number::from_f64) {
+                *number = plain;
+            }
+        }
+        serde_json::Value::Array(values) => values.iter_mut().for_each(plain_numbers),
+        serde_json::Value::Object(members) => members.values_mut().for_each(plain_numbers),
+        _ => {}
+    }
 }
 
 /// The one ring of a file, and where it is.
