@@ -24,6 +24,9 @@ use std::{
 /// A board that says nothing for this long hangs.
 const SILENCE: Duration = Duration::from_secs(3);
 
+/// The last part of it, on a link that damages nothing, in which an open frame may still end.
+const SILENCE_AT_THE_END: Duration = Duration::from_secs(1);
+
 /// A step that is not done by then, though the board talks, never will be.
 const STEP_LIMIT: Duration = Duration::from_secs(10);
 
@@ -243,9 +246,9 @@ impl<T: Transport> BusClient<T> {
 
     /// How long an answer may take: what is on the way to the board takes its time.
     fn patience(&self) -> Duration {
-        self.link
-            .resend_after
-            .map_or(SILENCE, |after| (after + BYTE_TIME * self.outgoing.len() as u32) * self.backoff())
+        self.link.resend_after.map_or(SILENCE - SILENCE_AT_THE_END, |after| {
+            (after + BYTE_TIME * self.outgoing.len() as u32) * self.backoff()
+        })
     }
 
     /// Doubles with every request in a row that came to nothing.
@@ -344,7 +347,7 @@ impl<T: Transport> BusClient<T> {
         let begun = Instant::now();
         loop {
             self.transport.send(&self.request).map_err(fault)?;
-            let timeout = self.link.resend_after.unwrap_or(SILENCE);
+            let timeout = self.link.resend_after.unwrap_or(SILENCE - SILENCE_AT_THE_END);
             let heard = self.listen(timeout, &mut |client, message| {
                 if let FromBoard::Refused(refusal) = message {
                     return Err(BoardFault::Nonsense(format!("it refuses: {refusal:?}")));
@@ -381,11 +384,18 @@ impl<T: Transport> BusClient<T> {
         on_message: &mut OnMessage<'_, Self, A>,
     ) -> Result<Heard<A>, BoardFault> {
         let lossless = self.link.resend_after.is_none();
+        let mut ended = false;
         let mut bytes = [0; 4096];
         loop {
-            let count = self.transport.receive(&mut bytes, timeout).map_err(fault)?;
+            let mut count = self.transport.receive(&mut bytes, timeout).map_err(fault)?;
             if count == 0 {
-                return Ok(Heard::Nothing);
+                if !lossless || ended {
+                    return Ok(Heard::Nothing);
+                }
+                // Where a delimiter is what was damaged, the frame before it is still open, at either end: a
+                // delimiter of our own ends it, and shows what silence would hide.
+                self.transport.send(&[0]).map_err(fault)?;
+                (bytes[0], count, ended, timeout) = (0, 1, true, SILENCE_AT_THE_END);
             }
             let mut heard = None;
             let mut rest = &bytes[..count];

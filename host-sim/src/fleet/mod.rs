@@ -1,7 +1,8 @@
 //! Where the flight code runs: behind one trait, so that the runner neither knows nor cares.
 //!
 //! [`FlightAgent`] runs in this process; an [`Emulator`](qemu::Emulator) runs the board's image, a
-//! [`SerialBoard`](serial::SerialBoard) is one. The latter two are reached over the bus ([`skyroost_firmware::board::bus`]), whose host's end is [`bus`].
+//! [`SerialBoard`](serial::SerialBoard) is one. The latter two are reached over the bus
+//! ([`skyroost_firmware::board::bus`]), whose host's end is `bus`.
 
 mod bus;
 mod image;
