@@ -194,7 +194,7 @@ fn one_damaged_byte_in_a_hundred_costs_nothing_but_time() {
 
 /// `cargo test --package skyroost-tests --test serial_boards -- --ignored --nocapture`
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "takes five minutes"]
 fn a_whole_mission_over_lines_that_damage_one_byte_in_a_hundred() {
     fly_over_bad_lines(&["--json", "--quiet"]);
 }
