@@ -6,6 +6,7 @@ use skyroost_host_sim::control::sweep::{CornerModel, SplitMode, SweepPlan, Sweep
 use skyroost_host_sim::geometry::V2;
 use skyroost_host_sim::geometry::coverage::{Stadium, covered, stadiums_from_track};
 use skyroost_host_sim::geometry::polygon::Polygon;
+use skyroost_host_sim::geometry::region::Region;
 
 fn square() -> Polygon {
     let corners = [[0.0, 0.0], [10_000.0, 0.0], [10_000.0, 10_000.0], [0.0, 10_000.0]];
@@ -57,8 +58,9 @@ fn legs(tracks: &[Vec<(V2, f64)>]) -> Vec<Stadium> {
 
 fn sweep(c: &mut Criterion) {
     let square = square();
-    let Ok(paper) = plan(&square, &request()) else { panic!("the paper's square has a plan") };
-    c.bench_function("plan/paper square, 2 fleets, auto", |b| b.iter(|| plan(&square, &request())));
+    let region = Region::from(square.clone());
+    let Ok(paper) = plan(&region, &request()) else { panic!("the paper's square has a plan") };
+    c.bench_function("plan/paper square, 2 fleets, auto", |b| b.iter(|| plan(&region, &request())));
     let radius_m = paper.swath_m / 2.0;
     for (name, step_m, sway_m, radius_m) in [
         ("12k legs, sway 1 m, all covered", 10.0, 1.0, radius_m),

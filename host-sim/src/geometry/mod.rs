@@ -3,6 +3,7 @@
 pub mod coverage;
 pub mod frame;
 pub mod polygon;
+pub mod region;
 
 /// A point or a vector in the plane, metres (east, north).
 pub type V2 = nalgebra::Vector2<f64>;

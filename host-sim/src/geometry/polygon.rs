@@ -158,18 +158,28 @@ impl Polygon {
     /// Whether a point lies in the polygon; the border counts as inside, to a micrometre.
     #[must_use]
     pub fn contains(&self, point_m: V2) -> bool {
-        let mut inside = false;
-        for (a, b) in self.edges_m() {
+        self.on_border(point_m) || self.winds_around(point_m)
+    }
+
+    /// Whether a point lies in the polygon and not on its border, to a micrometre.
+    #[must_use]
+    pub fn contains_inside(&self, point_m: V2) -> bool {
+        !self.on_border(point_m) && self.winds_around(point_m)
+    }
+
+    fn on_border(&self, point_m: V2) -> bool {
+        self.edges_m().any(|(a, b)| {
             let side = cross(b - a, point_m - a);
-            if side.abs() <= BORDER_TOLERANCE_M * (b - a).norm() && (point_m - a).dot(&(point_m - b)) <= 0.0 {
-                return true;
-            }
-            // An edge counts when it crosses the ray to the east, its lower end included.
-            if (a.y > point_m.y) != (b.y > point_m.y) && (side > 0.0) == (b.y > a.y) {
-                inside = !inside;
-            }
-        }
-        inside
+            side.abs() <= BORDER_TOLERANCE_M * (b - a).norm() && (point_m - a).dot(&(point_m - b)) <= 0.0
+        })
+    }
+
+    /// Whether a ray to the east crosses the border an odd number of times; of an edge its lower end counts.
+    fn winds_around(&self, point_m: V2) -> bool {
+        let crosses = |&(a, b): &(V2, V2)| {
+            (a.y > point_m.y) != (b.y > point_m.y) && (cross(b - a, point_m - a) > 0.0) == (b.y > a.y)
+        };
+        self.edges_m().filter(crosses).count() % 2 == 1
     }
 
     /// Extent of the polygon across a direction: the paper's diameter function (Table 1, line 1) at the
@@ -272,7 +282,8 @@ fn edges(ring: &[V2]) -> impl Iterator<Item = (V2, V2)> + '_ {
     ring.iter().copied().zip(ring.iter().copied().cycle().skip(1))
 }
 
-fn bbox(points: &[V2]) -> Option<[V2; 2]> {
+/// South-west and north-east corner of the smallest upright rectangle around some points.
+pub(super) fn bbox(points: &[V2]) -> Option<[V2; 2]> {
     let first = *points.first()?;
     Some(points.iter().fold([first; 2], |[min, max], p| [min.inf(p), max.sup(p)]))
 }

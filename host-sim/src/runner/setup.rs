@@ -14,7 +14,7 @@ use crate::{
         sweep::{self, CornerModel, SubArea, SweepPlan, SweepRequest},
     },
     fleet::{BoardError, Hangar},
-    geometry::{V2, V3, polygon::Polygon},
+    geometry::{V2, V3, polygon::Polygon, region::Region},
     rng::Stream,
     scenario::{GnssMode, Orientation, Scenario, SplitMode},
     world::{
@@ -71,7 +71,7 @@ impl Setup {
             }
         };
         let pads = Pads::new(scenario, &polygon);
-        let sweep = sweep::plan(&polygon, &request(scenario, &pads))
+        let sweep = sweep::plan(&Region::from(polygon.clone()), &request(scenario, &pads))
             .map_err(|source| InputError::Sweep { area: input.area.name.clone(), source })?;
         let plan = mission_plan(scenario, &sweep, &pads);
         check_endurance(scenario, &sweep, &plan)?;

@@ -14,6 +14,7 @@ pub use request::{CornerModel, SplitMode, SweepError, SweepRequest};
 use crate::geometry::V2;
 use crate::geometry::coverage::{Stadium, covered};
 use crate::geometry::polygon::{Polygon, clip, extent};
+use crate::geometry::region::Region;
 use lanes::{Lane, lanes, zigzag};
 use request::{MAX_LANES, check};
 use timing::{Timing, length_m, part};
@@ -83,11 +84,13 @@ impl SweepPlan {
 ///
 /// # Errors
 /// [`SweepError`] names the field, what was found and what is expected.
-pub fn plan(polygon: &Polygon, request: &SweepRequest) -> Result<SweepPlan, SweepError> {
+pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepError> {
     let proportions = check(request)?;
-    if let Some(corner) = polygon.first_reflex_m() {
+    let Some(polygon) = region.as_convex() else {
+        let corner = region.parts().iter().find_map(|part| part.outer.first_reflex_m());
+        let corner = corner.or_else(|| region.outer_vertices_m().next()).unwrap_or_default();
         return Err(SweepError::NotConvex { x_m: corner.x, y_m: corner.y });
-    }
+    };
     let radius_m = request.radius_m - request.spacing_m / 3f64.sqrt();
     let (swath_m, lane_swath_m) = (2.0 * radius_m, 2.0 * (radius_m - request.margin_m));
     if lane_swath_m <= 0.0 {

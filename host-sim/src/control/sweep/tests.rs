@@ -6,6 +6,10 @@ use proptest::prelude::*;
 
 use super::*;
 
+fn plan(polygon: &Polygon, request: &SweepRequest) -> Result<SweepPlan, SweepError> {
+    super::plan(&Region::from(polygon.clone()), request)
+}
+
 fn request(fleets: usize, split: SplitMode) -> SweepRequest {
     SweepRequest {
         fleets,

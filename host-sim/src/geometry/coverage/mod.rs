@@ -11,6 +11,7 @@ pub use stadium::{Stadium, stadiums_from_track};
 
 use super::V2;
 use super::polygon::Polygon;
+use super::region::{Part, Region};
 use search::Search;
 
 /// What a track covers of a polygon.
@@ -49,17 +50,44 @@ pub struct Coverage {
 /// If a coordinate or a radius is not finite.
 #[must_use]
 pub fn covered(polygon: &Polygon, stadiums: &[Stadium]) -> Coverage {
+    covered_rings(&[polygon.vertices_m().to_vec()], polygon.area_m2(), stadiums)
+}
+
+/// Area of a region that a union of stadiums leaves uncovered; see [`covered`].
+///
+/// # Panics
+/// If a coordinate or a radius is not finite.
+#[must_use]
+pub fn covered_region(region: &Region, stadiums: &[Stadium]) -> Coverage {
+    let rings: Vec<Vec<V2>> = region.parts().iter().map(Part::keyhole_ring_m).collect();
+    covered_rings(&rings, region.area_m2(), stadiums)
+}
+
+/// Rings without common area that may touch themselves; `area_m2` is what they enclose.
+fn covered_rings(rings_m: &[Vec<V2>], area_m2: f64, stadiums: &[Stadium]) -> Coverage {
     let finite = |s: &Stadium| s.a.sum().is_finite() && s.b.sum().is_finite() && s.radius_m.is_finite();
     assert!(stadiums.iter().all(finite), "a track consists of finite numbers");
     let covering: Vec<Stadium> = stadiums.iter().copied().filter(|s| s.radius_m > 0.0).collect();
-    let mut search = Search::new(polygon, &covering);
-    search.run(polygon);
-    let area_m2 = polygon.area_m2();
+    let extent_m = rings_m.iter().flatten().copied().fold(None, |seen: Option<[V2; 2]>, p| {
+        Some(seen.map_or([p; 2], |[min, max]| [min.inf(&p), max.sup(&p)]))
+    });
+    let Some([min, max]) = extent_m else { return Coverage::nothing_left() };
+    let mut search = Search::new((max - min).norm(), &covering);
+    for ring_m in rings_m {
+        search.run(ring_m);
+    }
     let uncovered_area_m2 = search.uncovered_area_m2.min(area_m2);
     Coverage {
         covered_fraction: 1.0 - uncovered_area_m2 / area_m2,
         uncovered_area_m2,
         residue: search.residue,
+    }
+}
+
+impl Coverage {
+    /// All is covered.
+    fn nothing_left() -> Self {
+        Self { covered_fraction: 1.0, uncovered_area_m2: 0.0, residue: Vec::new() }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Divides the polygon into cells until each is decided by one stadium, by none, or by the exact kernel.
 
 use super::super::V2;
-use super::super::polygon::{Polygon, clip, signed_area_m2};
+use super::super::polygon::{bbox, clip, signed_area_m2};
 use super::Stadium;
 use super::chain::Chain;
 use super::slab::Kernel;
@@ -91,13 +91,13 @@ enum Verdict {
 }
 
 impl Search {
-    pub(super) fn new(polygon: &Polygon, stadiums: &[Stadium]) -> Self {
-        let [min, max] = polygon.bbox_m();
+    /// A search over rings that extend over `extent_m`.
+    pub(super) fn new(extent_m: f64, stadiums: &[Stadium]) -> Self {
         let chain = Chain::new(stadiums);
         Self {
             candidates: chain.root().into_iter().collect(),
             chain,
-            straight_m: STRAIGHT_TOLERANCE * (max - min).norm(),
+            straight_m: STRAIGHT_TOLERANCE * extent_m,
             reach_m: stadiums.iter().map(|s| s.radius_m).fold(0.0, f64::max),
             kernel: Kernel::default(),
             uncovered_area_m2: 0.0,
@@ -105,9 +105,9 @@ impl Search {
         }
     }
 
-    pub(super) fn run(&mut self, polygon: &Polygon) {
-        let [min, max] = polygon.bbox_m();
-        self.cell(&Cell { min, max, piece: polygon.vertices_m().to_vec(), whole: false }, 0);
+    pub(super) fn run(&mut self, ring_m: &[V2]) {
+        let Some([min, max]) = bbox(ring_m) else { return };
+        self.cell(&Cell { min, max, piece: ring_m.to_vec(), whole: false }, 0);
     }
 
     /// Decides a cell, given the nodes from `inherited` to the top of the stack; leaves the stack as it is.

@@ -1,0 +1,287 @@
+//! Operating areas of any shape: several polygons, with holes, and zones that no drone may enter.
+
+use i_overlay::core::{fill_rule::FillRule, overlay_rule::OverlayRule};
+use i_overlay::float::single::SingleFloatOverlay;
+use thiserror::Error;
+
+use super::polygon::Polygon;
+use super::{V2, cross};
+
+/// An operating area.
+///
+/// What has to be covered is the polygons given less the no-fly zones: nobody is looked for in a zone, and
+/// no drone may enter one, wherever it lies.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Region {
+    parts: Vec<Part>,
+    no_fly: Vec<Polygon>,
+}
+
+/// One connected part of an area.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Its outer border.
+    pub outer: Polygon,
+    /// Its holes, disjoint and within the outer border; they may touch it, and each other, in single points.
+    pub holes: Vec<Polygon>,
+}
+
+/// Why there is no area.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum RegionError {
+    /// No polygon was given.
+    #[error("found no polygon, expected at least one")]
+    Empty,
+    /// The no-fly zones take up everything.
+    #[error("found no-fly zones over all of the area, expected them to leave some of it")]
+    NothingLeft,
+}
+
+impl From<Polygon> for Region {
+    fn from(outer: Polygon) -> Self {
+        Self { parts: vec![Part { outer, holes: Vec::new() }], no_fly: Vec::new() }
+    }
+}
+
+impl Region {
+    /// The union of some polygons, less the union of the no-fly zones.
+    ///
+    /// A single polygon without zones is kept as it is. Otherwise the borders are computed on a grid of
+    /// 2^-62 of their extent, and slivers that are no polygon (see [`Polygon::new`]) are left out.
+    ///
+    /// # Errors
+    /// [`RegionError`] where nothing is left to sweep.
+    pub fn new(outers: Vec<Polygon>, no_fly: Vec<Polygon>) -> Result<Self, RegionError> {
+        if let ([_], []) = (outers.as_slice(), no_fly.as_slice()) {
+            return outers.into_iter().next().map(Self::from).ok_or(RegionError::Empty);
+        }
+        if outers.is_empty() {
+            return Err(RegionError::Empty);
+        }
+        let contours = |polygons: &[Polygon]| -> Vec<Vec<[f64; 2]>> {
+            polygons.iter().map(|p| p.vertices_m().iter().map(|v| [v.x, v.y]).collect()).collect()
+        };
+        let shapes = contours(&outers).overlay_as::<i64>(
+            &contours(&no_fly),
+            OverlayRule::Difference,
+            FillRule::NonZero,
+        );
+        let ring = |contour: &Vec<[f64; 2]>| {
+            Polygon::new(&contour.iter().map(|&[x, y]| V2::new(x, y)).collect::<Vec<_>>()).ok()
+        };
+        let parts: Vec<Part> = shapes
+            .iter()
+            .filter_map(|contours| {
+                let (outer, holes) = contours.split_first()?;
+                Some(Part { outer: ring(outer)?, holes: holes.iter().filter_map(ring).collect() })
+            })
+            .collect();
+        if parts.is_empty() { Err(RegionError::NothingLeft) } else { Ok(Self { parts, no_fly }) }
+    }
+
+    /// What has to be covered: disjoint parts.
+    #[must_use]
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// Where no drone may fly.
+    #[must_use]
+    pub fn no_fly(&self) -> &[Polygon] {
+        &self.no_fly
+    }
+
+    /// The area's only polygon, where that is convex and there are no zones.
+    #[must_use]
+    pub fn as_convex(&self) -> Option<&Polygon> {
+        match (self.parts.as_slice(), self.no_fly.as_slice()) {
+            ([part], []) if part.holes.is_empty() && part.outer.is_convex() => Some(&part.outer),
+            _ => None,
+        }
+    }
+
+    /// Area to be covered.
+    #[must_use]
+    pub fn area_m2(&self) -> f64 {
+        self.parts.iter().map(Part::area_m2).sum()
+    }
+
+    /// South-west and north-east corner of the smallest upright rectangle around the area.
+    #[must_use]
+    pub fn bbox_m(&self) -> [V2; 2] {
+        let boxes = self.parts.iter().map(|part| part.outer.bbox_m());
+        boxes.reduce(|[a, b], [c, d]| [a.inf(&c), b.sup(&d)]).unwrap_or([V2::zeros(); 2])
+    }
+
+    /// All vertices of the outer borders.
+    pub fn outer_vertices_m(&self) -> impl Iterator<Item = V2> + '_ {
+        self.parts.iter().flat_map(|part| part.outer.vertices_m().iter().copied())
+    }
+
+    /// Whether a point has to be covered; borders count as inside.
+    #[must_use]
+    pub fn contains(&self, point_m: V2) -> bool {
+        self.parts.iter().any(|part| part.contains(point_m))
+    }
+
+    /// The area moved by a map that keeps distances and orientation.
+    #[must_use]
+    pub fn moved(&self, rigid_map: impl Fn(V2) -> V2 + Copy) -> Self {
+        let moved = |polygons: &[Polygon]| polygons.iter().map(|p| p.moved(rigid_map)).collect();
+        let part = |part: &Part| Part { outer: part.outer.moved(rigid_map), holes: moved(&part.holes) };
+        Self { parts: self.parts.iter().map(part).collect(), no_fly: moved(&self.no_fly) }
+    }
+}
+
+impl Part {
+    /// Its area.
+    #[must_use]
+    pub fn area_m2(&self) -> f64 {
+        self.outer.area_m2() - self.holes.iter().map(Polygon::area_m2).sum::<f64>()
+    }
+
+    /// Whether a point lies in it; borders count as inside.
+    #[must_use]
+    pub fn contains(&self, point_m: V2) -> bool {
+        self.outer.contains(point_m) && !self.holes.iter().any(|hole| hole.contains_inside(point_m))
+    }
+
+    /// All borders, the area on the left of each: the outer one anticlockwise, the holes clockwise.
+    pub fn borders_m(&self) -> impl Iterator<Item = Vec<V2>> + '_ {
+        let outer = self.outer.vertices_m().to_vec();
+        let clockwise = |hole: &Polygon| hole.vertices_m().iter().rev().copied().collect();
+        std::iter::once(outer).chain(self.holes.iter().map(clockwise))
+    }
+
+    /// The part as one ring: each hole is joined to what lies east of it by a bridge of no area.
+    ///
+    /// From the easternmost hole on, a bridge runs east from a hole's easternmost vertex to the first border
+    /// it meets: the outer one, or that of a hole joined already, as others have no vertex so far east.
+    #[must_use]
+    pub fn keyhole_ring_m(&self) -> Vec<V2> {
+        let mut ring: Vec<V2> = self.outer.vertices_m().to_vec();
+        let east = |hole: &Polygon| hole.bbox_m()[1].x;
+        let mut holes: Vec<&Polygon> = self.holes.iter().collect();
+        holes.sort_by(|a, b| east(b).total_cmp(&east(a)));
+        for hole in holes {
+            let mut inner: Vec<V2> = hole.vertices_m().iter().rev().copied().collect();
+            let Some(first) = (0..inner.len()).max_by(|&i, &j| inner[i].x.total_cmp(&inner[j].x)) else {
+                continue;
+            };
+            inner.rotate_left(first);
+            let Some((edge, at_m)) = first_to_the_east(&ring, inner[0]) else { continue };
+            inner.push(inner[0]);
+            inner.push(at_m);
+            inner.insert(0, at_m);
+            ring.splice(edge + 1..edge + 1, inner);
+        }
+        ring
+    }
+}
+
+/// The edge of a ring that a ray to the east meets first, and where.
+fn first_to_the_east(ring_m: &[V2], from_m: V2) -> Option<(usize, V2)> {
+    let n = ring_m.len();
+    let meets = |i: usize| {
+        let (a, b) = (ring_m[i], ring_m[(i + 1) % n]);
+        // An edge that climbs has the area on its west side: there the ray leaves it.
+        let climbs = a.y <= from_m.y && from_m.y < b.y;
+        let x_m = a.x + (b.x - a.x) * ((from_m.y - a.y) / (b.y - a.y));
+        let ahead = cross(b - a, from_m - a) >= 0.0;
+        (climbs && ahead).then(|| (i, V2::new(x_m.max(from_m.x), from_m.y)))
+    };
+    (0..n).filter_map(meets).min_by(|a, b| a.1.x.total_cmp(&b.1.x))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::geometry::coverage::{Stadium, covered_region};
+    use crate::geometry::polygon::signed_area_m2;
+
+    fn rectangle(west: f64, south: f64, east: f64, north: f64) -> Polygon {
+        let corners = [[west, south], [east, south], [east, north], [west, north]];
+        Polygon::new(&corners.map(|[x, y]| V2::new(x, y))).unwrap()
+    }
+
+    #[test]
+    fn a_polygon_alone_is_kept_as_it_is() {
+        let square = rectangle(0.0, 0.0, 0.1, 0.3);
+        let region = Region::new(vec![square.clone()], vec![]).unwrap();
+        assert_eq!(region.as_convex(), Some(&square));
+        assert_eq!(region, Region::from(square));
+    }
+
+    #[test]
+    fn zones_are_cut_out_wherever_they_lie() {
+        let zones = vec![
+            rectangle(2.0, 2.0, 3.0, 3.0),   // inside: a hole
+            rectangle(-1.0, 8.0, 1.0, 9.0),  // across the border: a notch
+            rectangle(5.0, -1.0, 6.0, 11.0), // all the way through: two parts
+            rectangle(20.0, 0.0, 21.0, 1.0), // outside: nothing to cut
+        ];
+        let region = Region::new(vec![rectangle(0.0, 0.0, 10.0, 10.0)], zones.clone()).unwrap();
+        assert_eq!(region.parts().len(), 2);
+        assert!((region.area_m2() - (100.0 - 1.0 - 1.0 - 10.0)).abs() < 1e-9);
+        assert_eq!(region.no_fly(), zones);
+        assert_eq!(region.as_convex(), None);
+        for (x, y, inside) in [
+            (1.0, 1.0, true),
+            (2.5, 2.5, false),
+            (2.0, 2.5, true),
+            (0.5, 8.5, false),
+            (5.5, 5.0, false),
+            (9.0, 9.0, true),
+            (20.5, 0.5, false),
+        ] {
+            assert_eq!(region.contains(V2::new(x, y)), inside, "({x}, {y})");
+        }
+    }
+
+    #[test]
+    fn polygons_that_overlap_count_once() {
+        let region =
+            Region::new(vec![rectangle(0.0, 0.0, 2.0, 1.0), rectangle(1.0, 0.0, 3.0, 1.0)], vec![]).unwrap();
+        assert_eq!(region.parts().len(), 1);
+        assert!((region.area_m2() - 3.0).abs() < 1e-9);
+        assert_eq!(region.bbox_m(), [V2::new(0.0, 0.0), V2::new(3.0, 1.0)]);
+    }
+
+    #[test]
+    fn nothing_is_no_area() {
+        assert_eq!(Region::new(vec![], vec![]), Err(RegionError::Empty));
+        let (small, large) = (rectangle(0.0, 0.0, 1.0, 1.0), rectangle(-1.0, -1.0, 2.0, 2.0));
+        assert_eq!(Region::new(vec![small], vec![large]), Err(RegionError::NothingLeft));
+    }
+
+    proptest! {
+        /// Rectangles as holes at random: the ring has the part's area, and as much of it is covered as
+        /// the borders one by one say.
+        #[test]
+        fn a_keyhole_ring_is_the_part(
+            holes in prop::collection::vec((0.0..9_000.0f64, 0.0..9_000.0f64, 50.0..3_000.0f64, 50.0..3_000.0f64), 1..6),
+            legs in prop::collection::vec((-500.0..10_500.0f64, -500.0..10_500.0f64), 2..6),
+        ) {
+            let zones = holes.iter().map(|&(x, y, w, h)| rectangle(x, y, x + w, y + h)).collect();
+            let Ok(region) = Region::new(vec![rectangle(0.0, 0.0, 10_000.0, 10_000.0)], zones) else { return Ok(()) };
+            let mut uncovered_m2 = 0.0;
+            let path: Vec<V2> = legs.iter().map(|&(x, y)| V2::new(x, y)).collect();
+            let track: Vec<Stadium> =
+                path.windows(2).map(|w| Stadium { a: w[0], b: w[1], radius_m: 471.0 }).collect();
+            for part in region.parts() {
+                let ring_m2 = signed_area_m2(&part.keyhole_ring_m());
+                prop_assert!((ring_m2 - part.area_m2()).abs() < 1e-3, "{} {}", ring_m2, part.area_m2());
+                uncovered_m2 += crate::geometry::coverage::covered(&part.outer, &track).uncovered_area_m2;
+                for hole in &part.holes {
+                    uncovered_m2 -= crate::geometry::coverage::covered(hole, &track).uncovered_area_m2;
+                }
+            }
+            let found = covered_region(&region, &track);
+            prop_assert!((found.uncovered_area_m2 - uncovered_m2).abs() < 5.0, "{} {}", found.uncovered_area_m2, uncovered_m2);
+            let drawn_m2: f64 = found.residue.iter().map(|ring| signed_area_m2(ring)).sum();
+            prop_assert!((drawn_m2 - uncovered_m2).abs() < 1e-3 * region.area_m2(), "{} {}", drawn_m2, uncovered_m2);
+        }
+    }
+}
