@@ -1,146 +1,76 @@
 //! Counts of everything the agent had to drop, refuse or clamp: nothing is lost silently.
 
-/// Counts since boot; each saturates rather than wraps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+/// Declares the counts once, and with them whatever has to name each of them.
+macro_rules! counters {
+    ($($(#[$doc:meta])* $name:ident,)*) => {
+        /// Counts since boot; each saturates rather than wraps.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub struct Counters {
+            $($(#[$doc])* pub $name: u32,)*
+        }
+
+        impl Counters {
+            /// How many counts there are.
+            pub const COUNT: usize = [$(stringify!($name)),*].len();
+
+            /// Nothing counted yet.
+            #[must_use]
+            pub const fn new() -> Self {
+                Self { $($name: 0,)* }
+            }
+
+            /// All counts, in the order in which they are declared.
+            #[must_use]
+            pub const fn to_array(&self) -> [u32; Self::COUNT] {
+                [$(self.$name,)*]
+            }
+
+            /// The counts of [`to_array`](Self::to_array).
+            #[must_use]
+            pub const fn from_array([$($name,)*]: [u32; Self::COUNT]) -> Self {
+                Self { $($name,)* }
+            }
+        }
+    };
+}
+
+counters! {
     /// Frames that did not decode.
-    pub frames_rejected: u32,
+    frames_rejected,
     /// Frames seen before, or too old for the sequence window.
-    pub frames_repeated: u32,
+    frames_repeated,
     /// Frames of a kind that has no business on this link.
-    pub frames_unexpected: u32,
+    frames_unexpected,
     /// Frames that did not fit the outputs of a step.
-    pub frames_overflowed: u32,
+    frames_overflowed,
     /// SRS requests that came after the time of transmission.
-    pub srs_late: u32,
+    srs_late,
     /// SRS requests that did not fit the table of pending occasions.
-    pub srs_overflowed: u32,
+    srs_overflowed,
     /// Captures of an occasion that was not pending.
-    pub captures_unknown: u32,
+    captures_unknown,
     /// Captures of fleet mates that did not fit a frame.
-    pub captures_overflowed: u32,
+    captures_overflowed,
     /// Neighbours pushed out of the full table.
-    pub peers_evicted: u32,
+    peers_evicted,
     /// Neighbours forgotten after long silence.
-    pub peers_expired: u32,
+    peers_expired,
     /// Lane pieces outside the announced mission.
-    pub lanes_refused: u32,
+    lanes_refused,
     /// Inputs that were not finite numbers.
-    pub not_finite: u32,
+    not_finite,
 }
 
 impl Counters {
-    /// Nothing counted yet.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            frames_rejected: 0,
-            frames_repeated: 0,
-            frames_unexpected: 0,
-            frames_overflowed: 0,
-            srs_late: 0,
-            srs_overflowed: 0,
-            captures_unknown: 0,
-            captures_overflowed: 0,
-            peers_evicted: 0,
-            peers_expired: 0,
-            lanes_refused: 0,
-            not_finite: 0,
-        }
-    }
-
     /// Adds one, saturating.
     pub fn count(counter: &mut u32) {
         *counter = counter.saturating_add(1);
     }
 
-    /// How many counts there are.
-    pub const COUNT: usize = 12;
-
-    /// All counts, in the order in which they are declared.
-    #[must_use]
-    pub fn to_array(&self) -> [u32; Self::COUNT] {
-        // Named in full, so that a new count cannot be forgotten.
-        let Self {
-            frames_rejected,
-            frames_repeated,
-            frames_unexpected,
-            frames_overflowed,
-            srs_late,
-            srs_overflowed,
-            captures_unknown,
-            captures_overflowed,
-            peers_evicted,
-            peers_expired,
-            lanes_refused,
-            not_finite,
-        } = *self;
-        [
-            frames_rejected,
-            frames_repeated,
-            frames_unexpected,
-            frames_overflowed,
-            srs_late,
-            srs_overflowed,
-            captures_unknown,
-            captures_overflowed,
-            peers_evicted,
-            peers_expired,
-            lanes_refused,
-            not_finite,
-        ]
-    }
-
-    /// The counts of [`to_array`](Self::to_array).
-    #[must_use]
-    pub fn from_array(counts: [u32; Self::COUNT]) -> Self {
-        let [
-            frames_rejected,
-            frames_repeated,
-            frames_unexpected,
-            frames_overflowed,
-            srs_late,
-            srs_overflowed,
-            captures_unknown,
-            captures_overflowed,
-            peers_evicted,
-            peers_expired,
-            lanes_refused,
-            not_finite,
-        ] = counts;
-        Self {
-            frames_rejected,
-            frames_repeated,
-            frames_unexpected,
-            frames_overflowed,
-            srs_late,
-            srs_overflowed,
-            captures_unknown,
-            captures_overflowed,
-            peers_evicted,
-            peers_expired,
-            lanes_refused,
-            not_finite,
-        }
-    }
-
-    /// Everything but the frames, in one number for telemetry.
+    /// Everything but frames that did not decode, in one number for telemetry.
     #[must_use]
     pub fn dropped(&self) -> u32 {
-        [
-            self.frames_repeated,
-            self.frames_unexpected,
-            self.frames_overflowed,
-            self.srs_late,
-            self.srs_overflowed,
-            self.captures_unknown,
-            self.captures_overflowed,
-            self.peers_evicted,
-            self.peers_expired,
-            self.lanes_refused,
-            self.not_finite,
-        ]
-        .iter()
-        .fold(0, |sum, n| sum.saturating_add(*n))
+        let decoded = Self { frames_rejected: 0, ..*self };
+        decoded.to_array().iter().fold(0, |sum, n| sum.saturating_add(*n))
     }
 }

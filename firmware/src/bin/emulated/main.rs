@@ -13,60 +13,38 @@
 #![allow(unsafe_code)]
 #![no_main]
 
+#[path = "../common/mod.rs"]
+mod common;
 mod host;
 mod log;
 mod time;
 
 use core::panic::PanicInfo;
 
-use cortex_m::peripheral::SYST;
-use cortex_m::peripheral::syst::SystClkSource;
+use common::{Executors, SysTick, stack_used};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
-use embassy_executor::InterruptExecutor;
-use embassy_stm32::interrupt;
-use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_time::{Duration, Timer};
-use skyroost_firmware::board::shell::{BUS_PIPE, Shell, Stopwatch};
-
-/// Guidance, above the links. Both use the interrupt of a peripheral that the boards leave alone.
-static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
-/// Bus, radio and telemetry.
-static LINKS: InterruptExecutor = InterruptExecutor::new();
+use skyroost_firmware::board::shell::{BUS_PIPE, Shell};
 
 /// Time between two lines of telemetry in the log.
 const TELEMETRY_EVERY: Duration = Duration::from_secs(10);
-
-#[interrupt]
-unsafe fn UART5() {
-    // SAFETY: this is the interrupt that `main` starts the executor on, and nothing else calls it.
-    unsafe { GUIDANCE.on_interrupt() }
-}
-
-#[interrupt]
-unsafe fn UART4() {
-    // SAFETY: this is the interrupt that `main` starts the executor on, and nothing else calls it.
-    unsafe { LINKS.on_interrupt() }
-}
 
 #[entry]
 fn main() -> ! {
     let Some(shell) = Shell::the_only() else { host::exit(false) };
     let Some(mut bus) = host::Bus::open() else { host::exit(false) };
-    start_stopwatch();
-    interrupt::UART5.set_priority(Priority::P6);
-    interrupt::UART4.set_priority(Priority::P12);
-    let guidance_executor = GUIDANCE.start(interrupt::UART5);
-    let links_executor = LINKS.start(interrupt::UART4);
+    SysTick::start();
+    let executors = Executors::start();
     // A task is refused only when it runs already, and these start here and nowhere else.
     let (Ok(guidance), Ok(bus_task), Ok(radio), Ok(telemetry)) =
         (guidance(shell), bus_task(shell), radio(shell), telemetry(shell))
     else {
         host::exit(false)
     };
-    guidance_executor.spawn(guidance);
-    links_executor.spawn(radio);
-    links_executor.spawn(bus_task);
-    links_executor.spawn(telemetry);
+    executors.guidance.spawn(guidance);
+    executors.links.spawn(radio);
+    executors.links.spawn(bus_task);
+    executors.links.spawn(telemetry);
     defmt::info!("skyroost {=str} on the emulated board", env!("CARGO_PKG_VERSION"));
     exchange(shell, &mut bus)
 }
@@ -124,47 +102,6 @@ async fn telemetry(shell: &'static Shell) {
             dropped
         );
     }
-}
-
-/// The core's clock, which QEMU's `-icount` ties to the instructions done.
-struct SysTick;
-
-/// Bits of the SysTick counter.
-const SYSTICK_BITS: u32 = 24;
-
-impl Stopwatch for SysTick {
-    fn read(&self) -> u32 {
-        SYST::get_current()
-    }
-
-    fn since(&self, earlier: u32) -> u32 {
-        // It counts down.
-        earlier.wrapping_sub(SYST::get_current()) & ((1 << SYSTICK_BITS) - 1)
-    }
-}
-
-fn start_stopwatch() {
-    let Some(core) = cortex_m::Peripherals::take() else { return };
-    let mut systick = core.SYST;
-    systick.set_clock_source(SystClkSource::Core);
-    systick.set_reload((1 << SYSTICK_BITS) - 1);
-    systick.clear_current();
-    systick.enable_counter();
-}
-
-/// Most bytes of stack ever in use: how far down the paint of the start-up code is gone.
-fn stack_used() -> u32 {
-    unsafe extern "C" {
-        static _stack_start: u32;
-        static _stack_end: u32;
-    }
-    let top = &raw const _stack_start as usize;
-    let mut at = (&raw const _stack_end as usize).next_multiple_of(4);
-    // SAFETY: `at` runs over the words between the linker's two marks, which are RAM of the stack.
-    while at < top && unsafe { (at as *const u32).read_volatile() } == cortex_m_rt::STACK_PAINT_VALUE {
-        at += 4;
-    }
-    (top - at) as u32
 }
 
 #[exception]

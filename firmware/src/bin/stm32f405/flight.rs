@@ -24,7 +24,7 @@ use skyroost_protocol::units::TimePs;
 
 use super::capture::{self, Window};
 use super::links::{self, MESSAGES, MODE, RADIO_OUT, STATUS};
-use super::{Cycles, safe, supply};
+use super::{SysTick, safe, supply};
 
 const TIMER_RATE: TickRate = match TickRate::new(capture::RATE_HZ) {
     Ok(rate) => rate,
@@ -59,7 +59,7 @@ pub(crate) async fn guidance(
 ) {
     match MODE.wait().await {
         // The host steps the board when it likes, and nothing is commanded: no watchdog.
-        BusMode::Undecided | BusMode::Bench => shell.guidance(Cycles).await,
+        BusMode::Undecided | BusMode::Bench => shell.guidance(SysTick).await,
         BusMode::Flight => {
             watchdog.unleash();
             Pilot::new(shell, start).fly(|| watchdog.pet()).await;
@@ -70,7 +70,7 @@ pub(crate) async fn guidance(
 /// The guidance task of the emulator, which has neither watchdog nor timers: it serves the host.
 #[embassy_executor::task]
 pub(crate) async fn bench_guidance(shell: &'static Shell) {
-    shell.guidance(Cycles).await;
+    shell.guidance(SysTick).await;
 }
 
 /// Guidance in flight.
@@ -146,7 +146,7 @@ impl Pilot {
     async fn step(&mut self, now: TimePs) {
         let (shell, crystal) = (self.shell, self.start.crystal);
         let act = |board: &mut Inflight, outputs: &Outputs| act(shell, now, crystal, board, outputs);
-        let cycles = shell.fly(now, &Cycles, &mut self.board, Inflight::sense, act).await;
+        let cycles = shell.fly(now, &SysTick, &mut self.board, Inflight::sense, act).await;
         self.worst_step_cycles = self.worst_step_cycles.max(cycles);
     }
 

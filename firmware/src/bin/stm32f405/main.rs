@@ -19,6 +19,8 @@
 mod capture;
 mod chip;
 mod clocks;
+#[path = "../common/mod.rs"]
+mod common;
 mod emulator;
 mod flight;
 mod links;
@@ -27,48 +29,24 @@ mod supply;
 
 use core::panic::PanicInfo;
 
-use cortex_m::peripheral::syst::SystClkSource;
-use cortex_m::peripheral::{SCB, SYST};
+use common::{Executors, SysTick, stack_used};
+use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
-use embassy_executor::{InterruptExecutor, SendSpawner, SpawnError, SpawnToken};
-use embassy_stm32::interrupt;
-use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
+use embassy_stm32::interrupt::Priority;
 use skyroost_firmware::board::boot::LastWords;
-use skyroost_firmware::board::shell::{Shell, Stopwatch};
+use skyroost_firmware::board::shell::Shell;
 
-/// Guidance, above the links. Both use the interrupt of a peripheral that the boards leave alone.
-static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
-/// Bus, radio and telemetry.
-static LINKS: InterruptExecutor = InterruptExecutor::new();
-
-/// Below the timers and the capture, which keep the reset's P0, and above everything else.
-const GUIDANCE_PRIORITY: Priority = Priority::P6;
-/// The UARTs and their DMA, which wake the links.
+/// The UARTs and their DMA, which wake the links: between those and guidance.
 const DRIVER_PRIORITY: Priority = Priority::P10;
-const LINKS_PRIORITY: Priority = Priority::P12;
-
-#[interrupt]
-unsafe fn UART5() {
-    // SAFETY: this is the interrupt that `main` starts the executor on, and nothing else calls it.
-    unsafe { GUIDANCE.on_interrupt() }
-}
-
-#[interrupt]
-unsafe fn UART4() {
-    // SAFETY: this is the interrupt that `main` starts the executor on, and nothing else calls it.
-    unsafe { LINKS.on_interrupt() }
-}
 
 #[entry]
 fn main() -> ! {
     // Taken here and nowhere else.
     let Some(shell) = Shell::the_only() else { safe::reset(LastWords::Panic, || ()) };
-    start_stopwatch();
-    interrupt::UART5.set_priority(GUIDANCE_PRIORITY);
-    interrupt::UART4.set_priority(LINKS_PRIORITY);
-    let executors =
-        Executors { guidance: GUIDANCE.start(interrupt::UART5), links: LINKS.start(interrupt::UART4) };
+    SysTick::start();
+    let executors = Executors::start();
     executors.link(links::bench(shell));
     executors.link(links::radio_frames(shell));
     if emulator::detect() {
@@ -79,12 +57,6 @@ fn main() -> ! {
     loop {
         cortex_m::asm::wfi();
     }
-}
-
-/// Where tasks are spawned.
-struct Executors {
-    guidance: SendSpawner,
-    links: SendSpawner,
 }
 
 impl Executors {
@@ -105,46 +77,6 @@ fn spawn<S: Send>(executor: SendSpawner, task: Result<SpawnToken<S>, SpawnError>
         Ok(task) => executor.spawn(task),
         Err(_) => SCB::sys_reset(),
     }
-}
-
-/// The core's clock: SysTick, which the emulator has as well, down over 24 bits (100 ms).
-#[derive(Clone, Copy)]
-struct Cycles;
-
-const SYSTICK_BITS: u32 = 24;
-
-impl Stopwatch for Cycles {
-    fn read(&self) -> u32 {
-        SYST::get_current()
-    }
-
-    fn since(&self, earlier: u32) -> u32 {
-        earlier.wrapping_sub(SYST::get_current()) & ((1 << SYSTICK_BITS) - 1)
-    }
-}
-
-fn start_stopwatch() {
-    let Some(core) = cortex_m::Peripherals::take() else { return };
-    let mut systick = core.SYST;
-    systick.set_clock_source(SystClkSource::Core);
-    systick.set_reload((1 << SYSTICK_BITS) - 1);
-    systick.clear_current();
-    systick.enable_counter();
-}
-
-/// Most bytes of stack ever in use: how far down the paint of the start-up code is gone.
-fn stack_used() -> u32 {
-    unsafe extern "C" {
-        static _stack_start: u32;
-        static _stack_end: u32;
-    }
-    let top = &raw const _stack_start as usize;
-    let mut at = (&raw const _stack_end as usize).next_multiple_of(4);
-    // SAFETY: `at` runs over the words between the linker's two marks, which are RAM of the stack.
-    while at < top && unsafe { (at as *const u32).read_volatile() } == cortex_m_rt::STACK_PAINT_VALUE {
-        at += 4;
-    }
-    (top - at) as u32
 }
 
 #[exception]
