@@ -198,26 +198,7 @@ impl Polygon {
     /// concave, so the minimum lies across an edge. Of equal widths the direction nearest to east wins.
     #[must_use]
     pub fn min_width(&self) -> MinWidth {
-        let hull = convex_hull(&self.vertices_m);
-        let n = hull.len();
-        let mut best = MinWidth { width_m: f64::INFINITY, direction_rad: 0.0 };
-        let mut far = 1;
-        for i in 0..n {
-            let edge = hull[(i + 1) % n] - hull[i];
-            let height_m = |j: usize| cross(edge, hull[j % n] - hull[i]) / edge.norm();
-            far = far.max(i + 1);
-            while height_m(far + 1) > height_m(far) {
-                far += 1;
-            }
-            let found = MinWidth { width_m: height_m(far), direction_rad: modulo_pi(edge.y.atan2(edge.x)) };
-            let slack_m = CLEAN_TOLERANCE * found.width_m;
-            if found.width_m < best.width_m - slack_m
-                || (found.width_m <= best.width_m + slack_m && found.direction_rad < best.direction_rad)
-            {
-                best = found;
-            }
-        }
-        best
+        min_width(&self.vertices_m)
     }
 
     /// The part of a convex polygon where `normal . p <= offset_m`; none where no area is left.
@@ -235,6 +216,30 @@ impl Polygon {
     pub fn moved(&self, rigid_map: impl Fn(V2) -> V2) -> Self {
         Self { vertices_m: self.vertices_m.iter().map(|&p| rigid_map(p)).collect() }
     }
+}
+
+/// The minimum of the diameter function of some points; see [`Polygon::min_width`].
+pub(super) fn min_width(points_m: &[V2]) -> MinWidth {
+    let hull = convex_hull(points_m);
+    let n = hull.len();
+    let mut best = MinWidth { width_m: f64::INFINITY, direction_rad: 0.0 };
+    let mut far = 1;
+    for i in 0..n {
+        let edge = hull[(i + 1) % n] - hull[i];
+        let height_m = |j: usize| cross(edge, hull[j % n] - hull[i]) / edge.norm();
+        far = far.max(i + 1);
+        while height_m(far + 1) > height_m(far) {
+            far += 1;
+        }
+        let found = MinWidth { width_m: height_m(far), direction_rad: modulo_pi(edge.y.atan2(edge.x)) };
+        let slack_m = CLEAN_TOLERANCE * found.width_m;
+        if found.width_m < best.width_m - slack_m
+            || (found.width_m <= best.width_m + slack_m && found.direction_rad < best.direction_rad)
+        {
+            best = found;
+        }
+    }
+    best
 }
 
 /// A direction without a sense: the angle modulo pi, in [0, pi).

@@ -4,7 +4,7 @@ use i_overlay::core::{fill_rule::FillRule, overlay_rule::OverlayRule};
 use i_overlay::float::single::SingleFloatOverlay;
 use thiserror::Error;
 
-use super::polygon::Polygon;
+use super::polygon::{MinWidth, Polygon, min_width};
 use super::{V2, cross};
 
 /// An operating area.
@@ -58,24 +58,7 @@ impl Region {
         if outers.is_empty() {
             return Err(RegionError::Empty);
         }
-        let contours = |polygons: &[Polygon]| -> Vec<Vec<[f64; 2]>> {
-            polygons.iter().map(|p| p.vertices_m().iter().map(|v| [v.x, v.y]).collect()).collect()
-        };
-        let shapes = contours(&outers).overlay_as::<i64>(
-            &contours(&no_fly),
-            OverlayRule::Difference,
-            FillRule::NonZero,
-        );
-        let ring = |contour: &Vec<[f64; 2]>| {
-            Polygon::new(&contour.iter().map(|&[x, y]| V2::new(x, y)).collect::<Vec<_>>()).ok()
-        };
-        let parts: Vec<Part> = shapes
-            .iter()
-            .filter_map(|contours| {
-                let (outer, holes) = contours.split_first()?;
-                Some(Part { outer: ring(outer)?, holes: holes.iter().filter_map(ring).collect() })
-            })
-            .collect();
+        let parts = overlay(&contours(&outers), &contours(&no_fly), OverlayRule::Difference);
         if parts.is_empty() { Err(RegionError::NothingLeft) } else { Ok(Self { parts, no_fly }) }
     }
 
@@ -91,13 +74,19 @@ impl Region {
         &self.no_fly
     }
 
-    /// The area's only polygon, where that is convex and there are no zones.
+    /// The area's only border, where there is no other.
     #[must_use]
-    pub fn as_convex(&self) -> Option<&Polygon> {
-        match (self.parts.as_slice(), self.no_fly.as_slice()) {
-            ([part], []) if part.holes.is_empty() && part.outer.is_convex() => Some(&part.outer),
+    pub fn as_polygon(&self) -> Option<&Polygon> {
+        match self.parts.as_slice() {
+            [part] if part.holes.is_empty() => Some(&part.outer),
             _ => None,
         }
+    }
+
+    /// The area's only border, where that is convex and there are no zones.
+    #[must_use]
+    pub fn as_convex(&self) -> Option<&Polygon> {
+        self.as_polygon().filter(|polygon| self.no_fly.is_empty() && polygon.is_convex())
     }
 
     /// Area to be covered.
@@ -118,10 +107,28 @@ impl Region {
         self.parts.iter().flat_map(|part| part.outer.vertices_m().iter().copied())
     }
 
+    /// Least width of the area's convex hull; see [`Polygon::min_width`].
+    #[must_use]
+    pub fn min_width(&self) -> MinWidth {
+        min_width(&self.outer_vertices_m().collect::<Vec<_>>())
+    }
+
     /// Whether a point has to be covered; borders count as inside.
     #[must_use]
     pub fn contains(&self, point_m: V2) -> bool {
         self.parts.iter().any(|part| part.contains(point_m))
+    }
+
+    /// What of the area lies between two heights, with the same no-fly zones; none where that is no area.
+    #[must_use]
+    pub fn within_band(&self, low_m: f64, high_m: f64) -> Option<Self> {
+        let [min, max] = self.bbox_m();
+        let [west, east] = [min.x - 1.0, max.x + 1.0];
+        let band = vec![vec![[west, low_m], [east, low_m], [east, high_m], [west, high_m]]];
+        let borders: Vec<Contour> =
+            self.parts.iter().flat_map(Part::borders_m).map(|ring| contour(&ring)).collect();
+        let parts = overlay(&borders, &band, OverlayRule::Intersect);
+        (!parts.is_empty()).then(|| Self { parts, no_fly: self.no_fly.clone() })
     }
 
     /// The area moved by a map that keeps distances and orientation.
@@ -131,6 +138,30 @@ impl Region {
         let part = |part: &Part| Part { outer: part.outer.moved(rigid_map), holes: moved(&part.holes) };
         Self { parts: self.parts.iter().map(part).collect(), no_fly: moved(&self.no_fly) }
     }
+}
+
+/// A border as the boolean operations take it.
+type Contour = Vec<[f64; 2]>;
+
+fn contour(ring_m: &[V2]) -> Contour {
+    ring_m.iter().map(|v| [v.x, v.y]).collect()
+}
+
+fn contours(polygons: &[Polygon]) -> Vec<Contour> {
+    polygons.iter().map(|p| contour(p.vertices_m())).collect()
+}
+
+/// A boolean operation; contours are the area on their left.
+fn overlay(subject: &Vec<Contour>, clip: &Vec<Contour>, rule: OverlayRule) -> Vec<Part> {
+    let ring = |contour: &Contour| {
+        Polygon::new(&contour.iter().map(|&[x, y]| V2::new(x, y)).collect::<Vec<_>>()).ok()
+    };
+    let shapes = subject.overlay_as::<i64>(clip, rule, FillRule::NonZero);
+    let part = |contours: &Vec<Contour>| {
+        let (outer, holes) = contours.split_first()?;
+        Some(Part { outer: ring(outer)?, holes: holes.iter().filter_map(ring).collect() })
+    };
+    shapes.iter().filter_map(part).collect()
 }
 
 impl Part {

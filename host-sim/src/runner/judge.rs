@@ -8,7 +8,7 @@ use crate::{
         sweep::SplitMode,
     },
     fleet::BoardReport,
-    geometry::{V2, coverage::covered},
+    geometry::{V2, coverage::covered, region::Region},
     recording::{PlacementRecord, Recording, SubAreaRecord, UserRecord},
     report::summary::{
         BoardSummary, LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary, PunctualitySummary,
@@ -166,7 +166,7 @@ fn sub_areas(setup: &Setup) -> Vec<SubAreaRecord> {
     let points = |points: &[V2]| points.iter().map(|p| [p.x, p.y]).collect::<Vec<_>>();
     let record = |sub: &crate::control::sweep::SubArea| SubAreaRecord {
         fleet: sub.fleet as u16,
-        polygon_m: sub.polygon.as_ref().map(|p| points(p.vertices_m())),
+        polygon_m: sub.region.as_ref().and_then(Region::as_polygon).map(|p| points(p.vertices_m())),
         path_m: points(&sub.path_m),
     };
     setup.sweep.sub_areas.iter().map(record).collect()

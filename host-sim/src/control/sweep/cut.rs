@@ -1,24 +1,16 @@
-//! Exact cuts of a convex polygon into strips of given shares of its area.
+//! Exact cuts of an area into strips of given shares.
 
 use crate::geometry::V2;
 use crate::geometry::polygon::{Polygon, clip};
+use crate::geometry::region::Region;
 
-/// Heights at which horizontal lines cut a convex polygon into parts with the given shares of its area,
-/// from south to north: one fewer than there are shares.
+/// Heights at which horizontal lines cut an area into parts with the given shares of it, from south to
+/// north: one fewer than there are shares.
 ///
-/// Between two neighbouring vertex heights the length of a horizontal chord is linear in the height, so
+/// Between two neighbouring vertex heights the length of the horizontal chords is linear in the height, so
 /// the area below is quadratic, and the cut is a root of it: no iteration, no tolerance (Table 1, line 3).
-pub(super) fn cut_heights_m(polygon: &Polygon, proportions: &[f64]) -> Vec<f64> {
-    let mut levels: Vec<f64> = polygon.vertices_m().iter().map(|p| p.y).collect();
-    levels.sort_by(f64::total_cmp);
-    levels.dedup();
-    let bands: Vec<Band> = levels
-        .windows(2)
-        .map(|w| {
-            let chord_m = |y| chord_length_m(polygon, y);
-            Band { low: w[0], high: w[1], bottom_m: chord_m(w[0]), top_m: chord_m(w[1]) }
-        })
-        .collect();
+pub(super) fn cut_heights_m(area: &Region, proportions: &[f64]) -> Vec<f64> {
+    let bands = bands(area);
     let total_m2: f64 = bands.iter().map(Band::area_m2).sum();
     let mut share = 0.0;
     proportions[..proportions.len().saturating_sub(1)]
@@ -30,25 +22,32 @@ pub(super) fn cut_heights_m(polygon: &Polygon, proportions: &[f64]) -> Vec<f64> 
         .collect()
 }
 
-/// The parts between the cuts.
-pub(super) fn parts(polygon: &Polygon, cuts_m: &[f64]) -> Vec<Option<Polygon>> {
-    let mut lows = vec![f64::NEG_INFINITY];
-    lows.extend(cuts_m);
+/// The parts between the cuts; none where a part is no area.
+pub(super) fn parts(area: &Region, cuts_m: &[f64]) -> Vec<Option<Region>> {
+    let lows = [f64::NEG_INFINITY].into_iter().chain(cuts_m.iter().copied());
     let highs = cuts_m.iter().copied().chain([f64::INFINITY]);
-    lows.iter()
-        .zip(highs)
-        .map(|(&low, high)| {
-            let above = if low.is_finite() {
-                clip(polygon.vertices_m(), -V2::y(), -low)
-            } else {
-                polygon.vertices_m().to_vec()
-            };
-            Polygon::new(&if high.is_finite() { clip(&above, V2::y(), high) } else { above }).ok()
-        })
-        .collect()
+    lows.zip(highs).map(|(low, high)| between(area, low, high)).collect()
 }
 
-/// The trapezoid between two neighbouring vertex heights.
+/// What of an area lies between two heights.
+pub(super) fn between(area: &Region, low_m: f64, high_m: f64) -> Option<Region> {
+    let [min, max] = area.bbox_m();
+    if low_m <= min.y && high_m >= max.y {
+        return Some(area.clone());
+    }
+    if let Some(polygon) = area.as_convex() {
+        let above = if low_m > min.y {
+            clip(polygon.vertices_m(), -V2::y(), -low_m)
+        } else {
+            polygon.vertices_m().to_vec()
+        };
+        let ring = if high_m < max.y { clip(&above, V2::y(), high_m) } else { above };
+        return Polygon::new(&ring).ok().map(Region::from);
+    }
+    area.within_band(low_m.max(min.y), high_m.min(max.y))
+}
+
+/// The strip between two neighbouring vertex heights.
 struct Band {
     low: f64,
     high: f64,
@@ -58,8 +57,38 @@ struct Band {
 
 impl Band {
     fn area_m2(&self) -> f64 {
-        (self.bottom_m + self.top_m) / 2.0 * (self.high - self.low)
+        f64::midpoint(self.bottom_m, self.top_m) * (self.high - self.low)
     }
+}
+
+/// All bands from south to north. Edges that climb have the area on their west side, those that fall on their
+/// east side: the signed sum of where they are at a height is the length of the chords there.
+fn bands(area: &Region) -> Vec<Band> {
+    let edges: Vec<(V2, V2)> = area
+        .parts()
+        .iter()
+        .flat_map(|part| part.borders_m().collect::<Vec<_>>())
+        .flat_map(|ring| (0..ring.len()).map(|i| (ring[i], ring[(i + 1) % ring.len()])).collect::<Vec<_>>())
+        .collect();
+    let mut levels: Vec<f64> = edges.iter().map(|(a, _)| a.y).collect();
+    levels.sort_by(f64::total_cmp);
+    levels.dedup();
+    levels
+        .windows(2)
+        .map(|w| {
+            let (low, high) = (w[0], w[1]);
+            let (mut bottom_m, mut top_m) = (0.0, 0.0);
+            for (a, b) in &edges {
+                let (south, north, sign) = if a.y <= b.y { (a, b, 1.0) } else { (b, a, -1.0) };
+                if south.y <= low && high <= north.y && south.y < north.y {
+                    let x = |y: f64| south.x + (north.x - south.x) * ((y - south.y) / (north.y - south.y));
+                    bottom_m += sign * x(low);
+                    top_m += sign * x(high);
+                }
+            }
+            Band { low, high, bottom_m: bottom_m.max(0.0), top_m: top_m.max(0.0) }
+        })
+        .collect()
 }
 
 fn height_m(bands: &[Band], area_m2: f64) -> f64 {
@@ -75,21 +104,4 @@ fn height_m(bands: &[Band], area_m2: f64) -> f64 {
         left_m2 -= band.area_m2();
     }
     bands.last().map_or(0.0, |band| band.high)
-}
-
-fn chord_length_m(polygon: &Polygon, y: f64) -> f64 {
-    let (mut west, mut east) = (f64::INFINITY, f64::NEG_INFINITY);
-    let mut see = |x: f64| (west, east) = (west.min(x), east.max(x));
-    for (a, b) in polygon.edges_m() {
-        let (low, high) = (a.y.min(b.y), a.y.max(b.y));
-        if low <= y && y <= high {
-            if low < high {
-                see(a.x + (b.x - a.x) * ((y - a.y) / (b.y - a.y)));
-            } else {
-                see(a.x);
-                see(b.x);
-            }
-        }
-    }
-    (east - west).max(0.0)
 }

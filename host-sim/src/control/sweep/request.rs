@@ -120,19 +120,6 @@ pub enum SweepError {
         /// North coordinate, metres.
         y_m: f64,
     },
-    /// The area is smaller than a swath, along the sweep and across.
-    #[error(
-        "the area measures {length_m:.1} m by {width_m:.1} m, expected more than one swath of \
-         {swath_m:.1} m in at least one direction"
-    )]
-    AreaTooSmall {
-        /// Extent along the sweep, metres.
-        length_m: f64,
-        /// Extent across, metres.
-        width_m: f64,
-        /// Diameter that a fleet covers without moving, metres.
-        swath_m: f64,
-    },
     /// The area is larger than any that is meant.
     #[error(
         "an area {width_m:.0} m wide takes {lanes:.0} lanes of {swath_m} m, expected at most {MAX_LANES}"

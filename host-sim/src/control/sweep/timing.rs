@@ -32,6 +32,17 @@ impl Timing {
         self.between_s(&route, 0.0, route.length_m())
     }
 
+    /// When each corner of a path is passed, each leg taken at its mean speed.
+    pub(super) fn flight(&self, path_m: &[V2]) -> Vec<(f64, V2)> {
+        let route = Route::new(path_m);
+        let mut at_s = 0.0;
+        let legs_s = route.vertices.windows(2).map(|w| {
+            at_s += self.segment_s(w[1].0 - w[0].0, u8::from(w[0].1) + u8::from(w[1].1));
+            at_s
+        });
+        path_m.iter().copied().zip([0.0].into_iter().chain(legs_s)).map(|(p, t)| (t, p)).collect()
+    }
+
     /// Flying time of the part between two distances along a route; a corner right at a cut is none.
     fn between_s(&self, route: &Route, from_m: f64, to_m: f64) -> f64 {
         let slowed = |(at_m, corner): (f64, bool)| u8::from(corner && from_m < at_m && at_m < to_m);
@@ -150,7 +161,7 @@ fn is_corner(before: V2, after: V2) -> bool {
 
 /// Length of a path, metres.
 pub(super) fn length_m(path_m: &[V2]) -> f64 {
-    path_m.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
+    path_m.windows(2).fold(0.0, |sum, w| sum + (w[1] - w[0]).norm())
 }
 
 /// The part of a path between two distances along it; both cut points belong to it.
