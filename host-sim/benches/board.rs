@@ -89,7 +89,12 @@ fn mission(options: QemuOptions, duration_s: f64) -> Vec<BoardReport> {
     scenario.mission.duration_s = Some(duration_s);
     let corners = [[0.0, 0.0], [10_000.0, 0.0], [10_000.0, 10_000.0], [0.0, 10_000.0]].map(V2::from);
     let polygon = Polygon::new(&corners).expect("a square is a polygon");
-    let area = MissionArea { name: "the paper's square".to_owned(), polygon, origin_lon_lat_deg: None };
+    let area = MissionArea {
+        name: "the paper's square".to_owned(),
+        region: polygon.into(),
+        origin_lon_lat_deg: None,
+        left_out: Vec::new(),
+    };
     let input = MissionInput { scenario, area, users: None };
     let cancel = AtomicBool::new(false);
     let backend = Backend::Qemu(options);

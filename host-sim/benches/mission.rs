@@ -18,7 +18,12 @@ fn main() {
     let polygon = Polygon::new(&corners).expect("a square is a polygon");
     let input = MissionInput {
         scenario: LoadedScenario::paper().scenario,
-        area: MissionArea { name: "the paper's square".to_owned(), polygon, origin_lon_lat_deg: None },
+        area: MissionArea {
+            name: "the paper's square".to_owned(),
+            region: polygon.into(),
+            origin_lon_lat_deg: None,
+            left_out: Vec::new(),
+        },
         users: None,
     };
     let cancel = AtomicBool::new(false);

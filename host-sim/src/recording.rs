@@ -14,8 +14,10 @@ pub struct Recording {
     pub radius_m: f64,
     /// Diameter of the disk that a fleet's overlap region is guaranteed to contain, metres.
     pub swath_m: f64,
-    /// Corners of the area, anticlockwise.
-    pub area_m: Vec<[f64; 2]>,
+    /// Borders of the area: rings that do not cross, outer ones anticlockwise, holes clockwise.
+    pub area_m: Vec<Vec<[f64; 2]>>,
+    /// Where no drone may fly: anticlockwise rings, which may overlap each other and the area's borders.
+    pub no_fly_m: Vec<Vec<[f64; 2]>>,
     /// Longitude and latitude of the local origin, when the area came in WGS84.
     pub origin_lon_lat_deg: Option<[f64; 2]>,
     /// What each fleet was told to sweep.

@@ -39,12 +39,14 @@ fn area(scenario: &Scenario) -> Result<MissionArea, InputError> {
         let origin_lon_lat_deg = area.frame.map(|frame| frame.origin_lon_lat_deg());
         return Ok(MissionArea {
             name: file.display().to_string(),
-            polygon: area.polygon,
+            region: area.region,
             origin_lon_lat_deg,
+            left_out: area.left_out,
         });
     }
     let (east, north) = (table.width_m, table.height_m);
     let corners = [[0.0, 0.0], [east, 0.0], [east, north], [0.0, north]].map(V2::from);
     let name = "area.width_m and area.height_m".to_owned();
-    Ok(MissionArea { name, polygon: Polygon::new(&corners)?, origin_lon_lat_deg: None })
+    let region = Polygon::new(&corners)?.into();
+    Ok(MissionArea { name, region, origin_lon_lat_deg: None, left_out: Vec::new() })
 }

@@ -64,7 +64,10 @@ pub(super) struct MissionArgs {
     #[arg(long, value_name = "D", allow_negative_numbers = true, conflicts_with = "users")]
     density_per_km2: Option<f64>,
 
-    /// File with the area: .geojson (WGS84), .csv (x_m,y_m) or .plan (QGroundControl)
+    /// File with the area: .geojson or .kml (WGS84), .plan (QGroundControl) or .csv (x_m,y_m)
+    ///
+    /// One area, which may have parts and holes; no drone enters holes and exclusion fences. Of a .plan it
+    /// is the survey's polygon, or else the inclusion fence.
     #[arg(long, value_name = "FILE")]
     area: Option<PathBuf>,
 

@@ -3,7 +3,7 @@
 use crate::{
     control::{area::AreaError, mission::MissionError, sweep::SweepError},
     fleet::{Backend, BackendError, BoardError, BoardReport, ImageError},
-    geometry::polygon::{Polygon, PolygonError},
+    geometry::{polygon::PolygonError, region::Region},
     recording::Recording,
     report::{
         limits::judge,
@@ -31,10 +31,12 @@ pub struct MissionInput {
 pub struct MissionArea {
     /// Where it comes from: its file, or the scenario's keys.
     pub name: String,
-    /// In metres from the local origin.
-    pub polygon: Polygon,
+    /// What to sweep and where not to fly, in metres from the local origin.
+    pub region: Region,
     /// Longitude and latitude of the local origin, when the area came in WGS84.
     pub origin_lon_lat_deg: Option<[f64; 2]>,
+    /// What its file holds beside it and is not used, for people.
+    pub left_out: Vec<String>,
 }
 
 /// How to fly, apart from what.

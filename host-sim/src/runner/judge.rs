@@ -1,6 +1,6 @@
 //! Holds the flight against the truth: figures for the summary, records for the report.
 
-use super::{Flight, MissionInput, Outcome, RunError, setup::Setup, watch::FleetWatch};
+use super::{Flight, MissionArea, MissionInput, Outcome, RunError, setup::Setup, watch::FleetWatch};
 use crate::{
     control::{
         localize::{FixStatus, LocalizeConfig, Occasion, UserFix, crlb, crlb_ratio},
@@ -8,7 +8,11 @@ use crate::{
         sweep::SplitMode,
     },
     fleet::BoardReport,
-    geometry::{V2, coverage::covered, region::Region},
+    geometry::{
+        V2,
+        coverage::covered_region,
+        region::{Part, Region},
+    },
     recording::{PlacementRecord, Recording, SubAreaRecord, UserRecord},
     report::summary::{
         BoardSummary, LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary, PunctualitySummary,
@@ -40,7 +44,7 @@ pub(super) fn outcome(
     let counters = flight.link_counters();
     let (squares_m2, samples) =
         flight.fleets.iter().map(FleetWatch::errors).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-    let warnings = warnings(&flight, &sweep);
+    let warnings = warnings(input, &flight, &sweep);
     let summary = Summary {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
@@ -72,7 +76,8 @@ pub(super) fn outcome(
         seed: scenario.seed,
         radius_m: scenario.fleet.radius_m,
         swath_m: setup.sweep.swath_m,
-        area_m: setup.polygon.vertices_m().iter().map(|p| [p.x, p.y]).collect(),
+        area_m: setup.region.parts().iter().flat_map(Part::borders_m).map(|ring| points(&ring)).collect(),
+        no_fly_m: setup.region.no_fly().iter().map(|zone| points(zone.vertices_m())).collect(),
         origin_lon_lat_deg: input.area.origin_lon_lat_deg,
         sub_areas: sub_areas(setup),
         uncovered_m,
@@ -147,7 +152,7 @@ fn sweep(
     flight: &Flight,
 ) -> (SweepSummary, Vec<Vec<[f64; 2]>>) {
     let stadiums: Vec<_> = flight.fleets.iter().flat_map(FleetWatch::stadiums).collect();
-    let coverage = covered(&setup.polygon, &stadiums);
+    let coverage = covered_region(&setup.region, &stadiums);
     let durations = flight.fleets.iter().map(FleetWatch::duration_s);
     // A fleet that did not come to the end of its lanes has swept until now.
     let duration_s = durations.map(|d| d.unwrap_or(flight.now_s())).fold(0.0, f64::max);
@@ -158,12 +163,14 @@ fn sweep(
         length_m: setup.sweep.sub_areas.iter().map(|s| s.length_m).collect(),
         mission_time_s: scenario.mission.time_s,
     };
-    let ring = |points: &Vec<V2>| points.iter().map(|p| [p.x, p.y]).collect();
-    (summary, coverage.residue.iter().map(ring).collect())
+    (summary, coverage.residue.iter().map(|ring| points(ring)).collect())
+}
+
+fn points(ring_m: &[V2]) -> Vec<[f64; 2]> {
+    ring_m.iter().map(|p| [p.x, p.y]).collect()
 }
 
 fn sub_areas(setup: &Setup) -> Vec<SubAreaRecord> {
-    let points = |points: &[V2]| points.iter().map(|p| [p.x, p.y]).collect::<Vec<_>>();
     let record = |sub: &crate::control::sweep::SubArea| SubAreaRecord {
         fleet: sub.fleet as u16,
         polygon_m: sub.region.as_ref().and_then(Region::as_polygon).map(|p| points(p.vertices_m())),
@@ -172,8 +179,10 @@ fn sub_areas(setup: &Setup) -> Vec<SubAreaRecord> {
     setup.sweep.sub_areas.iter().map(record).collect()
 }
 
-fn warnings(flight: &Flight, sweep: &SweepSummary) -> Vec<String> {
+fn warnings(input: &MissionInput, flight: &Flight, sweep: &SweepSummary) -> Vec<String> {
     let mut warnings = flight.control.localization().warnings.clone();
+    let MissionArea { name, left_out, .. } = &input.area;
+    warnings.extend(left_out.iter().map(|it| format!("{name}: left out {it}")));
     if sweep.duration_s > sweep.mission_time_s {
         let (took_s, given_s) = (sweep.duration_s, sweep.mission_time_s);
         warnings.push(format!("the sweep took {took_s:.0} s, the scenario gives it {given_s:.0} s"));

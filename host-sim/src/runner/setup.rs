@@ -14,7 +14,7 @@ use crate::{
         sweep::{self, CornerModel, SubArea, SweepPlan, SweepRequest},
     },
     fleet::{BoardError, Hangar},
-    geometry::{V2, V3, polygon::Polygon, region::Region},
+    geometry::{V2, V3, region::Region},
     rng::Stream,
     scenario::{GnssMode, Orientation, Scenario, SplitMode},
     world::{
@@ -53,29 +53,29 @@ pub(super) struct Setup {
     pub(super) sweep: SweepPlan,
     pub(super) plan: MissionPlan,
     pub(super) users: Vec<User>,
-    pub(super) polygon: Polygon,
+    pub(super) region: Region,
 }
 
 impl Setup {
     /// Plans the mission.
     pub(super) fn new(input: &MissionInput) -> Result<Self, RunError> {
         let scenario = &input.scenario;
-        let polygon = input.area.polygon.clone();
+        let region = input.area.region.clone();
         let users = match &input.users {
             Some(users) => users.clone(),
             None => {
-                let [low, high] = polygon.bbox_m();
+                let [low, high] = region.bbox_m();
                 let density = scenario.users.density_per_km2;
-                poisson_users(density, (low, high), |p| polygon.contains(p), scenario.seed)
+                poisson_users(density, (low, high), |p| region.contains(p), scenario.seed)
                     .map_err(InputError::from)?
             }
         };
-        let pads = Pads::new(scenario, &polygon);
-        let sweep = sweep::plan(&Region::from(polygon.clone()), &request(scenario, &pads))
+        let pads = Pads::new(scenario, &region);
+        let sweep = sweep::plan(&region, &request(scenario, &pads))
             .map_err(|source| InputError::Sweep { area: input.area.name.clone(), source })?;
         let plan = mission_plan(scenario, &sweep, &pads);
         check_endurance(scenario, &sweep, &plan)?;
-        Ok(Self { sweep, plan, users, polygon })
+        Ok(Self { sweep, plan, users, region })
     }
 
     /// Groups of drones that have direct links: a fleet, or a reserve alone.
@@ -92,9 +92,9 @@ struct Pads {
 }
 
 impl Pads {
-    fn new(scenario: &Scenario, polygon: &Polygon) -> Self {
+    fn new(scenario: &Scenario, region: &Region) -> Self {
         let south_west = || {
-            let corners = polygon.vertices_m().iter().copied();
+            let corners = region.outer_vertices_m();
             corners.min_by(|a, b| (a.x + a.y).total_cmp(&(b.x + b.y))).unwrap_or_default()
         };
         let base_m = scenario.fleet.base_m.map_or_else(south_west, |[x, y]| V2::new(x, y));

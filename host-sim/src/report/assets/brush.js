@@ -3,7 +3,7 @@
 const theme = {};
 const THEME_NAMES = [
   "paper", "surface", "ink", "muted", "line", "accent", "map", "map-area", "grid", "outline", "uncovered",
-  "reserve", "truth", "fail", ...[0, 1, 2, 3, 4, 5].map((i) => `fleet-${i}`),
+  "no-fly", "reserve", "truth", "fail", ...[0, 1, 2, 3, 4, 5].map((i) => `fleet-${i}`),
   ...CONDITIONS.map(([name]) => `user-${name}`),
 ];
 

@@ -1,4 +1,4 @@
-// The ground: grid, area, sub-areas, planned lanes, and what stayed uncovered.
+// The ground: grid, area, no-fly zones, sub-areas, planned lanes, and what stayed uncovered.
 
 const GRID_MOST_PX = 150;
 const SCALE_MOST_PX = 150;
@@ -10,21 +10,23 @@ function roundDown(x) {
 }
 
 function drawGround(layer, shown) {
-  if (!isStale(layer, `${view.version}|${shown.plan}|${shown.uncovered}|${shown.grid}`)) return;
+  const { plan, noFly, uncovered, grid } = shown;
+  if (!isStale(layer, [view.version, plan, noFly, uncovered, grid].join("|"))) return;
   const { pen } = layer;
   drawArea(pen);
-  if (shown.grid) drawGrid(pen);
+  if (grid) drawGrid(pen);
   outlineArea(pen);
-  if (shown.plan) drawPlan(pen);
-  if (shown.uncovered) drawUncovered(pen);
+  if (noFly) drawNoFly(pen);
+  if (plan) drawPlan(pen);
+  if (uncovered) drawUncovered(pen);
   drawScale();
 }
 
 function drawArea(pen) {
   pen.beginPath();
-  tracePolygon(pen, data.area_m);
+  for (const ring_m of data.area_m) tracePolygon(pen, ring_m);
   pen.fillStyle = theme["map-area"];
-  pen.fill();
+  pen.fill("evenodd");
   for (const { fleet, polygon_m } of data.sub_areas) {
     if (!polygon_m) continue;
     pen.beginPath();
@@ -43,7 +45,7 @@ function drawArea(pen) {
 
 function outlineArea(pen) {
   pen.beginPath();
-  tracePolygon(pen, data.area_m);
+  for (const ring_m of data.area_m) tracePolygon(pen, ring_m);
   pen.strokeStyle = theme.outline;
   pen.lineWidth = 1.5;
   pen.stroke();
@@ -96,13 +98,21 @@ function drawPlan(pen) {
   }
 }
 
+function drawNoFly(pen) {
+  drawHatched(pen, data.no_fly_m, theme["no-fly"]);
+}
+
 function drawUncovered(pen) {
-  if (data.uncovered_m.length === 0) return;
+  drawHatched(pen, data.uncovered_m, theme.uncovered);
+}
+
+function drawHatched(pen, rings_m, colour) {
+  if (rings_m.length === 0) return;
   pen.beginPath();
-  for (const polygon_m of data.uncovered_m) tracePolygon(pen, polygon_m);
-  pen.fillStyle = hatch(pen, theme.uncovered);
+  for (const ring_m of rings_m) tracePolygon(pen, ring_m);
+  pen.fillStyle = hatch(pen, colour);
   pen.fill();
-  pen.strokeStyle = theme.uncovered;
+  pen.strokeStyle = colour;
   pen.lineWidth = 1.25;
   pen.stroke();
 }

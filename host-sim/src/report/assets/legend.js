@@ -10,7 +10,8 @@ const LAYERS = [
   { name: "overlap", title: "Overlap coverage", on: true, sample: (pen) => sampleFill(pen, 0.5) },
   { name: "plan", title: "Lanes planned", on: true, sample: (pen) => sampleLines(pen, [4, 3]) },
   { name: "placements", title: "Placements", on: true, sample: samplePlacement },
-  { name: "uncovered", title: "Left uncovered", on: true, sample: sampleUncovered },
+  { name: "uncovered", title: "Left uncovered", on: true, sample: (pen) => sampleHatched(pen, "uncovered") },
+  { name: "noFly", title: "No-fly zones", on: true, sample: (pen) => sampleHatched(pen, "no-fly") },
   { name: "grid", title: "Grid", on: true, sample: sampleGrid },
 ];
 
@@ -90,10 +91,10 @@ function samplePlacement(pen) {
   pen.stroke();
 }
 
-function sampleUncovered(pen) {
-  pen.fillStyle = hatch(pen, theme.uncovered);
+function sampleHatched(pen, colour) {
+  pen.fillStyle = hatch(pen, theme[colour]);
   pen.fillRect(2, 2, 18, 12);
-  pen.strokeStyle = theme.uncovered;
+  pen.strokeStyle = theme[colour];
   pen.strokeRect(2.5, 2.5, 17, 11);
 }
 
@@ -157,7 +158,8 @@ function layerRow({ name, title, sample }) {
     shown[name] = box.checked;
     requestDraw();
   });
-  const text = name === "uncovered" && data.uncovered_m.length === 0 ? `${title} (none)` : title;
+  const drawn = { uncovered: data.uncovered_m, noFly: data.no_fly_m }[name];
+  const text = drawn?.length === 0 ? `${title} (none)` : title;
   return element("label", { className: "layer" }, box, swatch(sample), text);
 }
 

@@ -121,7 +121,7 @@ function buildMasthead(checks) {
   byId("headline").textContent = [
     `${count(data.drones, "drone", "drones")} in ${count(fleets, "fleet", "fleets")}`,
     count(data.users, "user", "users"),
-    `area ${formatArea(polygonArea(data.area_m))}`,
+    `area ${formatArea(ringsArea(data.area_m))}`,
     `coverage radius ${formatLength(data.radius_m)}`,
     `${formatClock(data.end_s)} h of mission`,
   ].join(" · ");
@@ -134,12 +134,13 @@ function buildMasthead(checks) {
     : `✗ ${failed.length} of ${judged.length} checks failed`;
 }
 
-function polygonArea(corners_m) {
-  const crossed = corners_m.map(([e, n], i) => {
+/** Enclosed area; holes run clockwise and count negative. */
+function ringsArea(rings_m) {
+  const crossed = rings_m.flatMap((corners_m) => corners_m.map(([e, n], i) => {
     const [e2, n2] = corners_m[(i + 1) % corners_m.length];
     return e * n2 - e2 * n;
-  });
-  return Math.abs(crossed.reduce((sum, x) => sum + x, 0)) / 2;
+  }));
+  return crossed.reduce((sum, x) => sum + x, 0) / 2;
 }
 
 function tableHead(names) {

@@ -89,7 +89,7 @@ function worldBounds() {
     box.south = Math.min(box.south, n_m);
     box.north = Math.max(box.north, n_m);
   };
-  data.area_m.forEach(take);
+  data.area_m.flat().forEach(take);
   for (const { path_m } of data.sub_areas) path_m.forEach(take);
   for (const { pos_m } of data.placements) take(pos_m);
   for (const user of data.users) take(user.truth_m);

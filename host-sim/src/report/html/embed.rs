@@ -18,7 +18,8 @@ pub(super) struct Embedded<'a> {
     end_s: f64,
     /// When the sweep starts and ends, as far as the phases' names tell.
     sweep_s: [f64; 2],
-    area_m: Vec<[f64; 2]>,
+    area_m: Vec<Vec<[f64; 2]>>,
+    no_fly_m: Vec<Vec<[f64; 2]>>,
     sub_areas: Vec<SubAreaRecord>,
     uncovered_m: Vec<Vec<[f64; 2]>>,
     drones: Vec<EmbeddedDrone>,
@@ -70,9 +71,10 @@ impl<'a> Embedded<'a> {
             origin_lon_lat_deg: recording.origin_lon_lat_deg,
             end_s,
             sweep_s: sweep_s(recording, end_s),
-            area_m: to_centimetres(&recording.area_m),
+            area_m: rings_to_centimetres(&recording.area_m),
+            no_fly_m: rings_to_centimetres(&recording.no_fly_m),
             sub_areas: recording.sub_areas.iter().map(sub_area).collect(),
-            uncovered_m: recording.uncovered_m.iter().map(|p| to_centimetres(p)).collect(),
+            uncovered_m: rings_to_centimetres(&recording.uncovered_m),
             drones: recording
                 .drones
                 .iter()
@@ -133,6 +135,10 @@ fn sweep_s(recording: &Recording, end_s: f64) -> [f64; 2] {
     };
     let after = recording.phases[first..].iter().find(|phase| !is_sweep(phase));
     [recording.phases[first].t_s, after.map_or(end_s, |phase| phase.t_s)]
+}
+
+fn rings_to_centimetres(rings_m: &[Vec<[f64; 2]>]) -> Vec<Vec<[f64; 2]>> {
+    rings_m.iter().map(|ring_m| to_centimetres(ring_m)).collect()
 }
 
 fn to_centimetres(points_m: &[[f64; 2]]) -> Vec<[f64; 2]> {
