@@ -87,5 +87,36 @@ fn sweep(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, sweep);
+/// Areas of `vertices` corners, 20 km wide: on an ellipse, or in and out like a star.
+fn ring(vertices: usize, star: bool) -> Region {
+    let corner = |k: usize| {
+        let angle = std::f64::consts::TAU * k as f64 / vertices as f64;
+        let radius_m = if star && k % 2 == 1 {
+            7_000.0
+        } else {
+            10_000.0 + 50.0 * (0.7 * k as f64).sin() * f64::from(u8::from(star))
+        };
+        V2::new(angle.cos(), 0.8 * angle.sin()) * radius_m
+    };
+    match Polygon::new(&(0..vertices).map(corner).collect::<Vec<_>>()) {
+        Ok(polygon) => Region::from(polygon),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Planning time against the number of vertices, with 30 fleets.
+fn vertices(c: &mut Criterion) {
+    let request = SweepRequest { fleets: 30, proportions: vec![1.0 / 30.0; 30], ..request() };
+    let mut group = c.benchmark_group("plan, 30 fleets, by number of vertices");
+    group.sample_size(10);
+    for vertices in [12, 50, 200, 800] {
+        for (shape, star) in [("convex", false), ("star", true)] {
+            let region = ring(vertices, star);
+            group.bench_function(format!("{shape}/{vertices}"), |b| b.iter(|| plan(&region, &request)));
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, sweep, vertices);
 criterion_main!(benches);

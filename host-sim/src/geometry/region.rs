@@ -2,6 +2,8 @@
 
 use i_overlay::core::{fill_rule::FillRule, overlay_rule::OverlayRule};
 use i_overlay::float::single::SingleFloatOverlay;
+use i_overlay::mesh::float::outline::offset::OutlineOffset;
+use i_overlay::mesh::float::style::{LineJoin, OutlineStyle};
 use thiserror::Error;
 
 use super::polygon::{MinWidth, Polygon, min_width};
@@ -138,6 +140,20 @@ impl Region {
         let part = |part: &Part| Part { outer: part.outer.moved(rigid_map), holes: moved(&part.holes) };
         Self { parts: self.parts.iter().map(part).collect(), no_fly: moved(&self.no_fly) }
     }
+}
+
+/// Step of the arcs around the corners of what has been grown, radians.
+const ARC_STEP_RAD: f64 = 0.5;
+
+/// The outer borders of all points within a distance of some polygons, and of a little more around corners, where
+/// arcs are drawn by chords: polygons that grow together become one, and pockets between them are filled.
+#[must_use]
+pub fn grown(polygons: &[Polygon], by_m: f64) -> Vec<Polygon> {
+    let radius_m = by_m / (ARC_STEP_RAD / 2.0).cos();
+    let style = OutlineStyle::new(radius_m).line_join(LineJoin::Round(ARC_STEP_RAD));
+    let shapes = contours(polygons).outline(&style);
+    let outers: Vec<Contour> = shapes.into_iter().filter_map(|shape| shape.into_iter().next()).collect();
+    overlay(&outers, &Vec::new(), OverlayRule::Subject).into_iter().map(|part| part.outer).collect()
 }
 
 /// A border as the boolean operations take it.
@@ -285,6 +301,31 @@ mod tests {
         assert_eq!(Region::new(vec![], vec![]), Err(RegionError::Empty));
         let (small, large) = (rectangle(0.0, 0.0, 1.0, 1.0), rectangle(-1.0, -1.0, 2.0, 2.0));
         assert_eq!(Region::new(vec![small], vec![large]), Err(RegionError::NothingLeft));
+    }
+
+    #[test]
+    fn what_grows_together_becomes_one() {
+        let squares = [
+            rectangle(0.0, 0.0, 100.0, 100.0),
+            rectangle(150.0, 0.0, 250.0, 100.0),
+            rectangle(900.0, 0.0, 910.0, 10.0),
+        ];
+        let found = grown(&squares, 30.0);
+        assert_eq!(found.len(), 2);
+        for polygon in &found {
+            for (a, b) in polygon.edges_m() {
+                let nearest = |p: V2| squares.iter().map(|s| distance_m(s, p)).fold(f64::INFINITY, f64::min);
+                for share in [0.0, 0.3, 0.5, 0.7] {
+                    let m = nearest(a + (b - a) * share);
+                    assert!((30.0 - 1e-3..32.0).contains(&m), "{m}");
+                }
+            }
+        }
+    }
+
+    fn distance_m(polygon: &Polygon, p: V2) -> f64 {
+        let legs = polygon.edges_m().map(|(a, b)| Stadium { a, b, radius_m: 0.0 }.axis_distance_m(p));
+        legs.fold(f64::INFINITY, f64::min)
     }
 
     proptest! {

@@ -7,9 +7,11 @@
 //! - `request`: what a sweep is planned from, and what can be wrong with it,
 //! - `cut`: sub-areas of exact shares,
 //! - `lanes`, `convex`: lanes over a convex polygon, back and forth,
+//! - `anywhere`: lanes over an area of any shape, in an order of `tour`, on ways around zones of `route`,
 //! - `timing`: how long a way takes, and where to cut it,
 //! - `apart`: how near the fleets come to each other.
 
+mod anywhere;
 mod apart;
 mod convex;
 mod cut;
@@ -17,7 +19,9 @@ mod frame;
 mod lanes;
 mod planner;
 mod request;
+mod route;
 mod timing;
+mod tour;
 
 pub use request::{CornerModel, SplitMode, SweepError, SweepRequest};
 
@@ -25,9 +29,13 @@ use crate::geometry::V2;
 use crate::geometry::coverage::{Stadium, covered_region};
 use crate::geometry::polygon::MinWidth;
 use crate::geometry::region::Region;
+use anywhere::Reach;
 use planner::{Planner, Share};
 use request::{MAX_LANES, check};
 use timing::Timing;
+
+/// How far a corner may be cut by the flight code (`guidance::lanes`), rounded up, metres.
+const CORNER_ROOM_M: f64 = 2.0;
 
 /// One fleet's part of the sweep.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,7 +120,9 @@ struct Way {
 /// # Assumptions
 /// Each fleet keeps its triangle, so it covers at least the disk of radius `R - d / sqrt(3)` around its
 /// centre, whichever way the triangle points. A lane ends where its disk already reaches the border, and where the
-/// border is oblique it may end outside of the area by less than the height of a strip.
+/// border is oblique it may end outside of the area by less than the height of a strip. Between the parts of an area
+/// that is not convex the ways lead where it is shortest, over land that nobody asked about; no drone enters
+/// a no-fly zone: a fleet's centre keeps the radius of its triangle, the margin and a corner's room from each.
 ///
 /// # Promises
 /// Of a convex area no way by sub-areas is longer than plain lanes with exact insets (equal strips along the
@@ -123,11 +133,6 @@ struct Way {
 /// [`SweepError`] names the field, what was found and what is expected.
 pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepError> {
     let proportions = check(request)?;
-    if region.as_convex().is_none() {
-        let corner = region.parts().iter().find_map(|part| part.outer.first_reflex_m());
-        let corner = corner.or_else(|| region.outer_vertices_m().next()).unwrap_or_default();
-        return Err(SweepError::NotConvex { x_m: corner.x, y_m: corner.y });
-    }
     let radius_m = request.radius_m - request.spacing_m / 3f64.sqrt();
     let (swath_m, lane_swath_m) = (2.0 * radius_m, 2.0 * (radius_m - request.margin_m));
     if lane_swath_m <= 0.0 {
@@ -147,6 +152,10 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
         speed_mps: request.speed_mps,
         timing: Timing::new(request.speed_mps, &request.corner),
         entry_m: request.entry_m.as_deref().unwrap_or_default(),
+        reach: Reach {
+            radius_m: radius_m - request.margin_m,
+            clearance_m: request.spacing_m / 3f64.sqrt() + request.margin_m + CORNER_ROOM_M,
+        },
         clearance_m: apart::clearance_m(request.spacing_m),
     };
     let (split, shares) = planner.shares(request.split)?;

@@ -6,9 +6,10 @@ use std::slice;
 use crate::geometry::V2;
 use crate::geometry::region::Region;
 
+use super::anywhere::Reach;
 use super::frame::SweepFrame;
 use super::timing::{Timing, length_m, part};
-use super::{SplitMode, SweepError, Way, apart, convex, cut};
+use super::{SplitMode, SweepError, Way, anywhere, apart, convex, cut};
 
 /// What both ways of sharing need to know.
 pub(super) struct Planner<'a> {
@@ -17,6 +18,7 @@ pub(super) struct Planner<'a> {
     /// Of the sweep.
     pub(super) direction_rad: f64,
     pub(super) lane_swath_m: f64,
+    pub(super) reach: Reach,
     pub(super) speed_mps: f64,
     pub(super) timing: Timing,
     /// Empty when nothing is known about where the fleets come from.
@@ -40,7 +42,7 @@ impl Planner<'_> {
     pub(super) fn shares(&self, split: SplitMode) -> Result<(SplitMode, Vec<Share>), SweepError> {
         match split {
             SplitMode::Area => Ok((SplitMode::Area, self.by_area()?.0)),
-            SplitMode::Length => Ok((SplitMode::Length, self.by_length(f64::INFINITY))),
+            SplitMode::Length => Ok((SplitMode::Length, self.by_length(f64::INFINITY)?)),
             SplitMode::Auto => self.better(),
         }
     }
@@ -49,7 +51,7 @@ impl Planner<'_> {
     /// keeps the fleets as far apart as they should be.
     fn better(&self) -> Result<(SplitMode, Vec<Share>), SweepError> {
         let (area, plain_m) = self.by_area()?;
-        let length = self.by_length(plain_m);
+        let length = self.by_length(plain_m)?;
         let gains = self.end_of_all_s(&length) < self.end_of_all_s(&area) * (1.0 - EQUAL)
             && total_m(&length) <= plain_m * (1.0 + EQUAL)
             && (self.keeps_apart(&length) || !self.keeps_apart(&area));
@@ -78,7 +80,7 @@ impl Planner<'_> {
             let proportion = self.proportions[fleet];
             let region =
                 part.ok_or(SweepError::ShareTooSmall { fleet, proportion })?.moved(|p| frame.outward(p));
-            let ways = self.ways(&region);
+            let ways = self.ways(&region)?;
             let plain_m = shortest_plain_m(&ways);
             plain_total_m += plain_m;
             let allowed = ways.iter().filter(|way| way.length_m <= plain_m * (1.0 + EQUAL));
@@ -92,8 +94,8 @@ impl Planner<'_> {
     /// One way over the whole area, each fleet flying the next part of it. All fleets fly the same way
     /// along, so that no two of them ever head for the same cut. Ways longer than `most_m` are left out, as long as
     /// there is another.
-    fn by_length(&self, most_m: f64) -> Vec<Share> {
-        let ways = self.ways(self.region);
+    fn by_length(&self, most_m: f64) -> Result<Vec<Share>, SweepError> {
+        let ways = self.ways(self.region)?;
         let most_m = most_m.max(shortest_plain_m(&ways)) * (1.0 + EQUAL);
         let allowed = ways.iter().filter(|way| way.length_m <= most_m);
         let both = allowed.flat_map(|way| [way.clone(), way.reversed()]);
@@ -105,12 +107,14 @@ impl Planner<'_> {
             let ends_s = ways.iter().enumerate().map(|(fleet, way)| self.end_s(fleet, way));
             ends_s.fold(0.0, f64::max)
         };
-        least(shared, cost).into_iter().map(|way| Share { region: None, way }).collect()
+        Ok(least(shared, cost).into_iter().map(|way| Share { region: None, way }).collect())
     }
 
-    fn ways(&self, region: &Region) -> Vec<Way> {
-        let Some(polygon) = region.as_convex() else { return Vec::new() };
-        convex::ways(polygon, self.direction_rad, self.lane_swath_m)
+    fn ways(&self, region: &Region) -> Result<Vec<Way>, SweepError> {
+        match region.as_convex() {
+            Some(polygon) => Ok(convex::ways(polygon, self.direction_rad, self.lane_swath_m)),
+            None => anywhere::ways(region, self.direction_rad, self.reach),
+        }
     }
 
     /// When a fleet is done: the straight way from its entry point, where that is known, and its way.

@@ -109,16 +109,18 @@ pub enum SweepError {
         /// Margin, metres.
         margin_m: f64,
     },
-    /// The area has a corner that points inwards.
+    /// A piece of the area that nobody gets near.
     #[error(
-        "the area is not convex at ({x_m:.1} m, {y_m:.1} m): expected a convex area; cut it in two there, \
-         or take its convex hull"
+        "the area around ({x_m:.1} m, {y_m:.1} m) cannot be covered: no place within {radius_m:.0} m of it can be \
+         flown to without entering a no-fly zone; expected a smaller zone, or the piece left out of the area"
     )]
-    NotConvex {
-        /// East coordinate of the corner, metres.
+    Unreachable {
+        /// East coordinate of the piece, metres.
         x_m: f64,
         /// North coordinate, metres.
         y_m: f64,
+        /// How near a fleet has to come, metres.
+        radius_m: f64,
     },
     /// The area is larger than any that is meant.
     #[error(

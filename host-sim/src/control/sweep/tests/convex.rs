@@ -4,32 +4,11 @@ use std::f64::consts::PI;
 
 use proptest::prelude::*;
 
-use super::timing::length_m;
-use super::*;
+use super::{plan, rectangle, request};
+use crate::control::sweep::timing::length_m;
+use crate::control::sweep::{SplitMode, SweepPlan, SweepRequest};
+use crate::geometry::V2;
 use crate::geometry::polygon::{Polygon, clip, extent};
-
-fn plan(polygon: &Polygon, request: &SweepRequest) -> Result<SweepPlan, SweepError> {
-    super::plan(&Region::from(polygon.clone()), request)
-}
-
-fn request(fleets: usize, split: SplitMode) -> SweepRequest {
-    SweepRequest {
-        fleets,
-        proportions: vec![1.0 / fleets as f64; fleets],
-        split,
-        radius_m: 500.0,
-        spacing_m: 50.0,
-        speed_mps: 10.0,
-        corner: CornerModel { max_accel_mps2: 3.0, corner_speed_mps: 10.0 },
-        margin_m: 0.0,
-        entry_m: None,
-    }
-}
-
-fn rectangle(width_m: f64, height_m: f64) -> Polygon {
-    let corners = [[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]];
-    Polygon::new(&corners.map(|[x, y]| V2::new(x, y))).unwrap()
-}
 
 #[test]
 fn truth_paper_square_by_area() {
@@ -145,10 +124,6 @@ fn bad_requests_are_named() {
     ] {
         assert!(found.contains(part), "{found:?} lacks {part:?}");
     }
-    let l = [[0.0, 0.0], [9e3, 0.0], [9e3, 3e3], [3e3, 3e3], [3e3, 9e3], [0.0, 9e3]];
-    let l = Polygon::new(&l.map(|[x, y]| V2::new(x, y))).unwrap();
-    let found = plan(&l, &request(1, SplitMode::Auto)).unwrap_err();
-    assert_eq!(found, SweepError::NotConvex { x_m: 3e3, y_m: 3e3 });
 }
 
 /// Convex areas of 3 to 10 vertices on an ellipse, 1 to 20 km wide, anywhere.
