@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-use geojson::GeometryValue;
+use ::geojson::{Geometry, GeometryValue};
 use proptest::prelude::*;
 
 use super::*;
@@ -35,20 +35,20 @@ impl Star {
     fn geojson(&self) -> String {
         let ring = |ring: &Vec<[f64; 2]>| ring.iter().map(|&[lon, lat]| vec![lon, lat].into()).collect();
         let coordinates = self.closed().iter().map(ring).collect();
-        geojson::Geometry::new(GeometryValue::Polygon { coordinates }).to_string()
+        Geometry::new(GeometryValue::Polygon { coordinates }).to_string()
     }
 
     fn kml(&self) -> String {
         let [outer, hole] = self.closed().map(|ring| serde_json::to_string(&ring).unwrap());
-        super::kml(&placemark(&kml_polygon(&outer, &[&hole])))
+        kml(&placemark(&kml_polygon(&outer, &[&hole])))
     }
 
     fn plan(&self, by_survey: bool) -> String {
         let [outer, hole] = self.closed().map(|ring| serde_json::to_string(&ring).unwrap());
         if by_survey {
-            super::plan(&[survey(&outer)], &[fence(&hole, false)], &[])
+            plan(&[survey(&outer)], &[fence(&hole, false)], &[])
         } else {
-            super::plan(&[], &[fence(&outer, true), fence(&hole, false)], &[])
+            plan(&[], &[fence(&outer, true), fence(&hole, false)], &[])
         }
     }
 
