@@ -80,6 +80,38 @@ fn a_mission_shows_its_users_as_the_slider_passes_them() {
     check_open_report(&browser);
 }
 
+/// Borders inside of each other fill by turns, and zones reach over them.
+#[test]
+fn holes_stay_empty_and_zones_are_hatched() {
+    let square = |west: f64, south: f64, side_m: f64| -> Vec<[f64; 2]> {
+        [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+            .map(|[x, y]| [west + side_m * x, south + side_m * y])
+            .to_vec()
+    };
+    let mut recording = staged::recording(10);
+    let lake = square(4_000.0, 4_000.0, 2_000.0);
+    recording.area_m = vec![square(0.0, 0.0, 10_000.0), lake.iter().rev().copied().collect()];
+    recording.no_fly_m = vec![lake, square(9_000.0, 9_000.0, 2_000.0)];
+    let report = Report::of(&recording, &staged::summary(&recording));
+    let browser = Browser::start(Window::default());
+    browser.open(&report.path());
+    let headline = browser.eval("return document.querySelector('#headline').textContent");
+    assert!(headline.as_str().is_some_and(|text| text.contains("area 96")), "{headline}");
+    // Nothing but the ground: opacity of its canvas in the hole, in the area, in the zone outside.
+    let drawn = browser.eval(
+        "for (const name of Object.keys(shown)) shown[name] = false;
+         const opacity = (e_m, n_m) => {
+           const [x_px, y_px] = toScreen(e_m, n_m).map((px) => px * window.devicePixelRatio);
+           return layers.ground.pen.getImageData(x_px, y_px, 1, 1).data[3];
+         };
+         drawGround(layers.ground, shown);
+         return [opacity(5030, 5070), opacity(2030, 2070), opacity(10500, 10500)]",
+    );
+    assert_eq!(drawn, serde_json::json!([0, 255, 0]), "the hole is empty, the area full");
+    browser.screenshot(&screenshot("zones.png"));
+    check_open_report(&browser);
+}
+
 #[test]
 fn dark_colours_are_used_where_the_reader_wants_them() {
     let mut recording = staged::recording(500);
