@@ -3,6 +3,7 @@
 use super::border::{Border, Use};
 use super::fault::Fault;
 use super::{Area, check_rings, check_vertices};
+use crate::geometry::V2;
 use crate::geometry::frame::LocalFrame;
 use crate::geometry::polygon::Polygon;
 use crate::geometry::region::Region;
@@ -10,6 +11,9 @@ use crate::geometry::region::Region;
 /// Polygons have something in common when that is more of the smaller one than this; less is rounding
 /// along a common border.
 const COMMON_SHARE: f64 = 1e-6;
+
+/// Edges of different polygons that come near each other; areas of thousands of vertices have some thousands.
+const MAX_CROSSINGS: usize = 200_000;
 
 /// All that a file says of its area.
 pub(super) struct Outlines {
@@ -41,9 +45,11 @@ impl Outlines {
         self.turn_together();
         let frame = self.frame();
         let parts: Vec<Part> = self.areas.iter().map(|it| it.part(&frame)).collect::<Result<_, _>>()?;
-        refuse_islands(&parts)?;
         let zones = self.zones.iter().map(|zone| zone.polygon(&frame, Use::Zone));
         let mut no_fly: Vec<Polygon> = zones.collect::<Result<_, _>>()?;
+        check_crossings(parts.iter().flat_map(Part::polygons).chain(&no_fly))?;
+        refuse_strays(&parts)?;
+        refuse_islands(&parts)?;
         let mut outers = Vec::new();
         for Part { outer, holes, .. } in parts {
             outers.push(outer);
@@ -79,19 +85,51 @@ impl Outline {
         std::iter::once(&self.outer).chain(&self.holes)
     }
 
-    /// In the frame, each hole checked to be one.
     fn part(&self, frame: &LocalFrame) -> Result<Part, Fault> {
-        let outer = self.outer.polygon(frame, Use::Area)?;
-        let hole = |border: &Border| {
-            let hole = border.polygon(frame, Use::Zone)?;
-            if have_common(&outer, &hole) {
-                return Ok((border.place().to_owned(), hole));
-            }
-            Err(Fault::content(border.place(), "a hole outside of its polygon", "it to cut something out"))
-        };
-        let holes = self.holes.iter().map(hole).collect::<Result<_, _>>()?;
-        Ok(Part { place: self.outer.place().to_owned(), outer, holes })
+        let hole = |it: &Border| Ok((it.place().to_owned(), it.polygon(frame, Use::Zone)?));
+        Ok(Part {
+            place: self.outer.place().to_owned(),
+            outer: self.outer.polygon(frame, Use::Area)?,
+            holes: self.holes.iter().map(hole).collect::<Result<_, _>>()?,
+        })
     }
+}
+
+impl Part {
+    fn polygons(&self) -> impl Iterator<Item = &Polygon> {
+        std::iter::once(&self.outer).chain(self.holes.iter().map(|(_, hole)| hole))
+    }
+}
+
+/// Refuses borders that may cross each other so often that computing with them would not end: counts
+/// edges of different polygons whose upright boxes overlap.
+fn check_crossings<'a>(polygons: impl Iterator<Item = &'a Polygon>) -> Result<(), Fault> {
+    let edges = |(number, polygon): (usize, &'a Polygon)| {
+        polygon.edges_m().map(move |(a, b)| (number, a.inf(&b), a.sup(&b)))
+    };
+    let mut boxes: Vec<(usize, V2, V2)> = polygons.enumerate().flat_map(edges).collect();
+    boxes.sort_by(|a, b| a.1.x.total_cmp(&b.1.x));
+    let mut crossings = 0;
+    for (k, (number, low, high)) in boxes.iter().enumerate() {
+        let eastwards = boxes[k + 1..].iter().take_while(|it| it.1.x <= high.x);
+        let overlap = |it: &&(usize, V2, V2)| it.0 != *number && it.1.y <= high.y && low.y <= it.2.y;
+        crossings += eastwards.filter(overlap).count();
+    }
+    if crossings <= MAX_CROSSINGS {
+        return Ok(());
+    }
+    let found = format!("borders that may cross each other {crossings} times");
+    Err(Fault::file(found, format!("at most {MAX_CROSSINGS}: simplify them")))
+}
+
+/// Refuses a hole that cuts nothing out of its polygon.
+fn refuse_strays(parts: &[Part]) -> Result<(), Fault> {
+    for Part { outer, holes, .. } in parts {
+        if let Some((place, _)) = holes.iter().find(|(_, hole)| !have_common(outer, hole)) {
+            return Err(Fault::content(place, "a hole outside of its polygon", "it to cut something out"));
+        }
+    }
+    Ok(())
 }
 
 /// Refuses a polygon in another one's hole: nothing may fly there, and the way there is barred.
