@@ -234,6 +234,33 @@ fn a_wrong_header_is_named() {
 }
 
 #[test]
+fn a_fault_in_an_area_on_earth_is_named_with_its_place() {
+    let ring = "13.7,51.0 13.8,51.0 13.8,51.1";
+    let kml = |ring: &str| {
+        format!(
+            "<kml>\n<Placemark><Polygon><outerBoundaryIs><LinearRing><coordinates>{ring}</coordinates>\
+             </LinearRing></outerBoundaryIs></Polygon></Placemark>\n</kml>"
+        )
+    };
+    let plan = r#"{"fileType":"Plan","mission":{"items":[{"complexItemType":"survey",
+        "polygon":[[51.0,13.7],[51.0,13.8],[51.1,13.7],[51.1,13.8]]}]}}"#;
+    let bench = Bench::new()
+        .file("open.kml", &kml(ring))
+        .file("pole.kml", &kml("0,89 120,89 -120,89 0,89"))
+        .file("bow.plan", plan)
+        .file("zip.kmz", "PK")
+        .file("two.json", r#"{"type":"GeometryCollection","geometries":[]}"#);
+    bench.refused(&["--area", "open.kml"], &["open.kml: placemark (line 2)", "vertex 3", "unclosed"]);
+    bench.refused(&["--area", "pole.kml"], &["a ring around the north pole"]);
+    bench.refused(
+        &["--area", "bow.plan"],
+        &["the survey (mission item 1): the edge from vertex 2", "vertex 4"],
+    );
+    bench.refused(&["--area", "zip.kmz"], &["zip.kmz", "unzip"]);
+    bench.refused(&["--area", "two.json"], &["two.json", "a GeometryCollection"]);
+}
+
+#[test]
 fn empty_files_and_coordinates_that_are_no_numbers_are_refused() {
     let bench = Bench::new()
         .file("nan.csv", "x_m,y_m\n0,0\n5000,0\n5000,NaN\n")

@@ -80,6 +80,53 @@ fn a_mission_shows_its_users_as_the_slider_passes_them() {
     check_open_report(&browser);
 }
 
+/// Borders inside of each other fill by turns, and zones reach over them.
+#[test]
+fn holes_stay_empty_and_zones_are_hatched() {
+    let square = |west: f64, south: f64, side_m: f64| -> Vec<[f64; 2]> {
+        [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+            .map(|[x, y]| [west + side_m * x, south + side_m * y])
+            .to_vec()
+    };
+    let mut recording = staged::recording(10);
+    let lake = square(4_000.0, 4_000.0, 2_000.0);
+    recording.area_m = vec![square(0.0, 0.0, 10_000.0), lake.iter().rev().copied().collect()];
+    recording.no_fly_m = vec![lake, square(9_500.0, 9_500.0, 2_000.0)];
+    recording.sub_areas.iter_mut().for_each(|sub_area| sub_area.polygon_m = None);
+    let report = Report::of(&recording, &staged::summary(&recording));
+    let browser = Browser::start(Window::default());
+    browser.open(&report.path());
+    check_open_report(&browser);
+    let headline = browser.eval("return document.querySelector('#headline').textContent");
+    assert!(headline.as_str().is_some_and(|text| text.contains("area 96")), "{headline}");
+    // Share of what is painted of the ground around the middles of hole, area and outer zone.
+    let painted = |layers: &str| {
+        browser.eval(&format!(
+            "for (const box of document.querySelectorAll('input[name^=layer-]'))
+               if (box.checked !== {layers}.includes(box.name)) box.click();
+             const {{ px_per_m, drones: [{{ enu_m, screen_px }}] }} = window.skyroost.state();
+             const painted = ([e_m, n_m]) => {{
+               const x_px = screen_px[0] + (e_m - enu_m[0]) * px_per_m - 12;
+               const y_px = screen_px[1] - (n_m - enu_m[1]) * px_per_m - 12;
+               const pen = document.querySelector('canvas.ground').getContext('2d');
+               const {{ data }} = pen.getImageData(x_px, y_px, 24, 24);
+               return data.filter((value, i) => i % 4 === 3 && value > 0).length / (24 * 24);
+             }};
+             const places = [[5000, 5000], [2000, 2000], [10500, 10500]];
+             return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(
+               () => done(places.map(painted)))))"
+        ))
+    };
+    assert_eq!(painted("[]"), serde_json::json!([0, 1, 0]), "the hole is empty, the area full");
+    let hatched = painted("['layer-noFly']");
+    for zone in [0, 2] {
+        let share = hatched[zone].as_f64().expect("a share");
+        assert!(share > 0.1 && share < 0.9, "stripes over the zones: {hatched}");
+    }
+    painted("['layer-noFly', 'layer-grid', 'layer-plan']");
+    browser.screenshot(&screenshot("zones.png"));
+}
+
 #[test]
 fn dark_colours_are_used_where_the_reader_wants_them() {
     let mut recording = staged::recording(500);

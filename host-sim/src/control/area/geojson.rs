@@ -2,9 +2,11 @@
 
 use serde_json::Value;
 
+use super::border::{Border, Ring};
+use super::check_rings;
 use super::fault::{Fault, listed, quoted};
 use super::json::{array, array_member, described, member, pair, parse};
-use super::outline::{Outline, Outlines, Ring, check_rings};
+use super::outline::{Outline, Outlines};
 
 /// How the coordinate reference system of RFC 7946 is called by files of the older GeoJSON 2008 that name it.
 const WGS84_NAMES: [&str; 5] = [
@@ -124,7 +126,7 @@ fn polygon(rings: &[Value], place: &str) -> Result<Outline, Fault> {
     let Some((outer, holes)) = rings.split_first() else {
         return Err(Fault::content(place, "a polygon without a ring", "at least one"));
     };
-    let hole = |(i, hole): (usize, &Value)| ring(hole, format!("{place}, hole {}", i + 1));
+    let hole = |(i, hole): (usize, &Value)| ring(hole, format!("{place}, hole {}", i + 1)).map(Border::from);
     Ok(Outline {
         outer: ring(outer, place.to_owned())?.into(),
         holes: holes.iter().enumerate().map(hole).collect::<Result<_, _>>()?,

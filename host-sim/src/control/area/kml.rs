@@ -2,8 +2,10 @@
 
 use roxmltree::{Document, Node, ParsingOptions};
 
+use super::border::Ring;
+use super::check_rings;
 use super::fault::{Fault, listed, quoted};
-use super::outline::{Outline, Outlines, Ring, check_rings};
+use super::outline::{Outline, Outlines};
 
 /// Elements, texts and comments; far more than an area with its styles has.
 const MAX_NODES: u32 = 500_000;
@@ -44,7 +46,7 @@ pub(super) fn read(text: &str) -> Result<Outlines, Fault> {
     let mut areas = Vec::new();
     for (i, polygon) in polygons.iter().enumerate() {
         let place = if polygons.len() == 1 { label.clone() } else { format!("{label}, polygon {}", i + 1) };
-        areas.push(kml.outline(*polygon, place)?);
+        areas.push(kml.outline(*polygon, &place)?);
     }
     Ok(Outlines { areas, zones: Vec::new(), left_out: kml.left_out(document.root_element()) })
 }
@@ -99,7 +101,7 @@ impl<'a> Kml<'a> {
         NO_AREAS.into_iter().filter_map(count).collect()
     }
 
-    fn outline(&self, polygon: Node, place: String) -> Result<Outline, Fault> {
+    fn outline(&self, polygon: Node, place: &str) -> Result<Outline, Fault> {
         let outer: Vec<Node> = self.rings(polygon, "outerBoundaryIs").collect();
         let [outer] = outer[..] else {
             let place = format!("{place}, {}", self.line(polygon));
@@ -109,7 +111,7 @@ impl<'a> Kml<'a> {
         let mut holes = Vec::new();
         for (i, hole) in self.rings(polygon, "innerBoundaryIs").enumerate() {
             check_rings(i)?;
-            holes.push(self.ring(hole, format!("{place}, hole {}", i + 1))?);
+            holes.push(self.ring(hole, &format!("{place}, hole {}", i + 1))?.into());
         }
         Ok(Outline { outer: self.ring(outer, place)?.into(), holes })
     }
@@ -118,7 +120,7 @@ impl<'a> Kml<'a> {
         self.children(polygon, name).flat_map(|boundary| self.children(boundary, "LinearRing"))
     }
 
-    fn ring(&self, ring: Node, place: String) -> Result<Ring, Fault> {
+    fn ring(&self, ring: Node, place: &str) -> Result<Ring, Fault> {
         let place = format!("{place}, {}", self.line(ring));
         // A comment may split the text.
         let texts = self.children(ring, "coordinates").flat_map(|it| it.descendants());

@@ -1,24 +1,19 @@
-//! From outlines in degrees, each with its place in the file, to a region in metres.
+//! From outlines in degrees to a region in metres.
 
+use super::border::{Border, Use};
 use super::fault::Fault;
-use super::{Area, MAX_EXTENT_M, MAX_RINGS, check_vertices};
+use super::{Area, check_rings, check_vertices};
 use crate::geometry::V2;
 use crate::geometry::frame::LocalFrame;
 use crate::geometry::polygon::Polygon;
 use crate::geometry::region::Region;
 
-/// A ring counts as closed when its ends are this near, 0.1 mm on Earth: rounding of decimals.
-const CLOSED_WITHIN_DEG: f64 = 1e-9;
-
-/// How far the polygon that stands for a circle is from it at most.
-const CIRCLE_ERROR_M: f64 = 0.25;
-
-/// A degree of latitude at the poles of WGS84, where it is longest.
-const DEGREE_AT_POLE_M: f64 = 111_694.0;
-
 /// Polygons have something in common when that is more of the smaller one than this; less is rounding
 /// along a common border.
 const COMMON_SHARE: f64 = 1e-6;
+
+/// Edges of different polygons that come near each other; areas of thousands of vertices have some thousands.
+const MAX_CROSSINGS: usize = 200_000;
 
 /// All that a file says of its area.
 pub(super) struct Outlines {
@@ -31,249 +26,37 @@ pub(super) struct Outlines {
 /// A polygon with holes, which are no-fly zones.
 pub(super) struct Outline {
     pub(super) outer: Border,
-    pub(super) holes: Vec<Ring>,
+    pub(super) holes: Vec<Border>,
 }
 
-/// A closed line on Earth.
-pub(super) enum Border {
-    Ring(Ring),
-    Circle(Circle),
-}
-
-/// A border of vertices.
-pub(super) struct Ring {
+/// An outline in the frame, still with its places in the file.
+struct Part {
     place: String,
-    /// At least one; longitudes follow each other the shorter way around, beyond 180 degrees where need be.
-    lon_lat_deg: Vec<[f64; 2]>,
-}
-
-/// A border at one distance of a centre.
-pub(super) struct Circle {
-    place: String,
-    centre_lon_lat_deg: [f64; 2],
-    radius_m: f64,
-}
-
-/// Refuses more rings than are borne.
-pub(super) fn check_rings(rings: usize) -> Result<(), Fault> {
-    if rings <= MAX_RINGS {
-        return Ok(());
-    }
-    Err(Fault::file(format!("{rings} rings"), format!("at most {MAX_RINGS}")))
-}
-
-impl Ring {
-    /// A ring whose last vertex has to repeat the first.
-    pub(super) fn closed(place: String, lon_lat_deg: Vec<[f64; 2]>) -> Result<Self, Fault> {
-        if let (Some(&[lon0, lat0]), Some(&[lon1, lat1])) = (lon_lat_deg.first(), lon_lat_deg.last())
-            && !((lon1 - lon0).abs() <= CLOSED_WITHIN_DEG && (lat1 - lat0).abs() <= CLOSED_WITHIN_DEG)
-        {
-            let found = format!("an unclosed ring from ({lon0}, {lat0}) to ({lon1}, {lat1})");
-            let place = format!("{place}, vertex {}", lon_lat_deg.len());
-            return Err(Fault::content(place, found, "the last position to repeat the first"));
-        }
-        Self::open(place, lon_lat_deg)
-    }
-
-    /// A ring whose last vertex may or may not repeat the first.
-    pub(super) fn open(place: String, mut lon_lat_deg: Vec<[f64; 2]>) -> Result<Self, Fault> {
-        let Some(&[first_deg, _]) = lon_lat_deg.first() else {
-            return Err(Fault::content(place, "a ring without a vertex", "at least 3 vertices"));
-        };
-        check_vertices(lon_lat_deg.len())?;
-        let vertex = |i: usize| format!("{place}, vertex {}", i + 1);
-        let next = |before_deg: f64, lon_deg: f64, i: usize| {
-            let turned_deg = near(lon_deg, before_deg);
-            if (turned_deg - before_deg).abs() > 180.0 - CLOSED_WITHIN_DEG {
-                let found = "the end of an edge over half of all longitudes";
-                return Err(Fault::content(vertex(i), found, "a shorter edge, and no pole on it"));
-            }
-            Ok(turned_deg)
-        };
-        let mut before_deg = first_deg;
-        for (i, position) in lon_lat_deg.iter_mut().enumerate() {
-            check_position(*position, || vertex(i))?;
-            position[0] = next(before_deg, position[0], i)?;
-            before_deg = position[0];
-        }
-        // Back where it began, but a turn further: the ring has gone around the Earth's axis.
-        if (next(before_deg, first_deg, 0)? - first_deg).abs() > 180.0 {
-            let pole = if lon_lat_deg[0][1] > 0.0 { "north" } else { "south" };
-            return Err(Fault::content(
-                place,
-                format!("a ring around the {pole} pole"),
-                "an area without a pole in it",
-            ));
-        }
-        Ok(Self { place, lon_lat_deg })
-    }
-}
-
-impl Circle {
-    pub(super) fn new(place: String, centre_lon_lat_deg: [f64; 2], radius_m: f64) -> Result<Self, Fault> {
-        check_position(centre_lon_lat_deg, || format!("{place}, center"))?;
-        if !(radius_m > 0.0 && radius_m <= MAX_EXTENT_M / 2.0) {
-            let expected = format!("more than 0 and at most {:.0} metres", MAX_EXTENT_M / 2.0);
-            return Err(Fault::content(format!("{place}, radius"), format!("{radius_m}"), expected));
-        }
-        if (90.0 - centre_lon_lat_deg[1].abs()) * DEGREE_AT_POLE_M <= radius_m {
-            return Err(Fault::content(place, "a circle around a pole", "an area without a pole in it"));
-        }
-        Ok(Self { place, centre_lon_lat_deg, radius_m })
-    }
-
-    /// Vertices of the polygon that stands for it.
-    fn vertices(&self) -> usize {
-        let half_turns = (self.radius_m / (2.0 * CIRCLE_ERROR_M)).sqrt();
-        ((std::f64::consts::PI * half_turns).ceil() as usize).max(16)
-    }
-
-    /// A regular polygon in it, or around it.
-    fn points_m(&self, frame: &LocalFrame, around: bool) -> Vec<V2> {
-        let [lon_deg, lat_deg] = self.centre_lon_lat_deg;
-        let centre_m = frame.to_local_m(lon_deg, lat_deg);
-        let n = self.vertices();
-        let step_rad = std::f64::consts::TAU / n as f64;
-        let mut radius_m = self.radius_m;
-        if around {
-            // Far from the frame's middle the projection stretches the circle by 1 + x^2 / (2 r^2).
-            let off = (centre_m.x.abs() + radius_m) / 6.3e6;
-            radius_m *= (1.0 + off * off / 2.0) / (step_rad / 2.0).cos();
-        }
-        let corner = |i: usize| {
-            centre_m + radius_m * V2::new((i as f64 * step_rad).cos(), (i as f64 * step_rad).sin())
-        };
-        (0..n).map(corner).collect()
-    }
-}
-
-impl From<Ring> for Border {
-    fn from(ring: Ring) -> Self {
-        Self::Ring(ring)
-    }
-}
-
-impl Border {
-    /// Where it is in the file.
-    pub(super) fn place(&self) -> String {
-        match self {
-            Self::Ring(Ring { place, .. }) | Self::Circle(Circle { place, .. }) => place.clone(),
-        }
-    }
-
-    fn vertices(&self) -> usize {
-        match self {
-            Self::Ring(ring) => ring.lon_lat_deg.len(),
-            Self::Circle(circle) => circle.vertices(),
-        }
-    }
-
-    /// Its vertices, or its centre; at least one.
-    fn positions(&self) -> &[[f64; 2]] {
-        match self {
-            Self::Ring(ring) => &ring.lon_lat_deg,
-            Self::Circle(circle) => std::slice::from_ref(&circle.centre_lon_lat_deg),
-        }
-    }
-
-    fn turn_near(&mut self, lon_deg: f64) {
-        match self {
-            Self::Ring(ring) => ring.turn_near(lon_deg),
-            Self::Circle(circle) => {
-                circle.centre_lon_lat_deg[0] = near(circle.centre_lon_lat_deg[0], lon_deg);
-            }
-        }
-    }
-
-    /// The polygon in the frame; that of a circle to fly in lies in it, that of one to keep out of around it.
-    fn polygon(&self, frame: &LocalFrame, use_as: Use) -> Result<Polygon, Fault> {
-        match self {
-            Self::Ring(ring) => ring.polygon(frame, use_as),
-            Self::Circle(circle) => {
-                let points_m = circle.points_m(frame, use_as == Use::Zone);
-                polygon(&circle.place, &points_m, use_as)
-            }
-        }
-    }
-}
-
-impl Ring {
-    fn polygon(&self, frame: &LocalFrame, use_as: Use) -> Result<Polygon, Fault> {
-        let points_m: Vec<V2> =
-            self.lon_lat_deg.iter().map(|&[lon_deg, lat_deg]| frame.to_local_m(lon_deg, lat_deg)).collect();
-        polygon(&self.place, &points_m, use_as)
-    }
-
-    fn turn_near(&mut self, lon_deg: f64) {
-        let turn_deg = near(self.lon_lat_deg[0][0], lon_deg) - self.lon_lat_deg[0][0];
-        self.lon_lat_deg.iter_mut().for_each(|position| position[0] += turn_deg);
-    }
-}
-
-/// What a polygon is for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Use {
-    /// To be swept.
-    Area,
-    /// Not to be entered.
-    Zone,
-}
-
-fn polygon(place: &str, points_m: &[V2], use_as: Use) -> Result<Polygon, Fault> {
-    let reach_m = match use_as {
-        Use::Area => MAX_EXTENT_M / 2.0,
-        Use::Zone => MAX_EXTENT_M,
-    };
-    // Not written as `>`: what lies on the other side of the Earth has no finite place in the frame.
-    let near = |p: &V2| p.x.abs() <= reach_m && p.y.abs() <= reach_m;
-    if let Some(i) = points_m.iter().position(|p| !near(p)) {
-        let far_km = points_m[i].norm() / 1000.0;
-        return Err(Fault::content(
-            format!("{place}, vertex {}", i + 1),
-            format!("a point {far_km:.0} km from the middle of the area"),
-            format!("at most {:.0} km to each side", reach_m / 1000.0),
-        ));
-    }
-    Polygon::new(points_m).map_err(|source| Fault::Polygon { place: place.to_owned(), source })
+    outer: Polygon,
+    holes: Vec<(String, Polygon)>,
 }
 
 impl Outlines {
     /// Projects, checks and joins everything.
     pub(super) fn into_area(mut self) -> Result<Area, Fault> {
-        check_rings(self.areas.iter().map(|it| 1 + it.holes.len()).sum::<usize>() + self.zones.len())?;
-        let in_area = |it: &Outline| {
-            it.outer.vertices() + it.holes.iter().map(|hole| hole.lon_lat_deg.len()).sum::<usize>()
-        };
-        let in_zones: usize = self.zones.iter().map(Border::vertices).sum();
-        check_vertices(self.areas.iter().map(in_area).sum::<usize>() + in_zones)?;
-
+        let borders = || self.areas.iter().flat_map(Outline::borders).chain(&self.zones);
+        check_rings(borders().count())?;
+        check_vertices(borders().map(Border::vertices).sum())?;
         self.turn_together();
         let frame = self.frame();
-        let mut parts = Vec::new();
-        for Outline { outer, holes } in &self.areas {
-            let place = outer.place();
-            let outer = outer.polygon(&frame, Use::Area)?;
-            let mut cut = Vec::new();
-            for ring in holes {
-                let hole = ring.polygon(&frame, Use::Zone)?;
-                if !have_common(&outer, &hole) {
-                    let found = "a hole outside of its polygon";
-                    return Err(Fault::content(&ring.place, found, "it to cut something out"));
-                }
-                cut.push((ring.place.as_str(), hole));
-            }
-            parts.push((place, outer, cut));
-        }
-        refuse_islands(&parts)?;
+        let parts: Vec<Part> = self.areas.iter().map(|it| it.part(&frame)).collect::<Result<_, _>>()?;
         let zones = self.zones.iter().map(|zone| zone.polygon(&frame, Use::Zone));
         let mut no_fly: Vec<Polygon> = zones.collect::<Result<_, _>>()?;
+        check_crossings(parts.iter().flat_map(Part::polygons).chain(&no_fly))?;
+        refuse_strays(&parts)?;
+        refuse_islands(&parts)?;
         let mut outers = Vec::new();
-        for (_, outer, holes) in parts {
+        for Part { outer, holes, .. } in parts {
             outers.push(outer);
             no_fly.extend(holes.into_iter().map(|(_, hole)| hole));
         }
         let region = Region::new(outers, no_fly).map_err(Fault::Region)?;
-        Ok(Area { region, frame: Some(frame), left_out: std::mem::take(&mut self.left_out) })
+        Ok(Area { region, frame: Some(frame), left_out: self.left_out })
     }
 
     /// Counts all longitudes from the same side of the date line. The ends of a cut along it then are equal
@@ -297,11 +80,63 @@ impl Outlines {
     }
 }
 
+impl Outline {
+    fn borders(&self) -> impl Iterator<Item = &Border> {
+        std::iter::once(&self.outer).chain(&self.holes)
+    }
+
+    fn part(&self, frame: &LocalFrame) -> Result<Part, Fault> {
+        let hole = |it: &Border| Ok((it.place().to_owned(), it.polygon(frame, Use::Zone)?));
+        Ok(Part {
+            place: self.outer.place().to_owned(),
+            outer: self.outer.polygon(frame, Use::Area)?,
+            holes: self.holes.iter().map(hole).collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+impl Part {
+    fn polygons(&self) -> impl Iterator<Item = &Polygon> {
+        std::iter::once(&self.outer).chain(self.holes.iter().map(|(_, hole)| hole))
+    }
+}
+
+/// Refuses borders that may cross each other so often that computing with them would not end: counts
+/// edges of different polygons whose upright boxes overlap.
+fn check_crossings<'a>(polygons: impl Iterator<Item = &'a Polygon>) -> Result<(), Fault> {
+    let edges = |(number, polygon): (usize, &'a Polygon)| {
+        polygon.edges_m().map(move |(a, b)| (number, a.inf(&b), a.sup(&b)))
+    };
+    let mut boxes: Vec<(usize, V2, V2)> = polygons.enumerate().flat_map(edges).collect();
+    boxes.sort_by(|a, b| a.1.x.total_cmp(&b.1.x));
+    let mut crossings = 0;
+    for (k, (number, low, high)) in boxes.iter().enumerate() {
+        let eastwards = boxes[k + 1..].iter().take_while(|it| it.1.x <= high.x);
+        let overlap = |it: &&(usize, V2, V2)| it.0 != *number && it.1.y <= high.y && low.y <= it.2.y;
+        crossings += eastwards.filter(overlap).count();
+    }
+    if crossings <= MAX_CROSSINGS {
+        return Ok(());
+    }
+    let found = format!("borders that may cross each other {crossings} times");
+    Err(Fault::file(found, format!("at most {MAX_CROSSINGS}: simplify them")))
+}
+
+/// Refuses a hole that cuts nothing out of its polygon.
+fn refuse_strays(parts: &[Part]) -> Result<(), Fault> {
+    for Part { outer, holes, .. } in parts {
+        if let Some((place, _)) = holes.iter().find(|(_, hole)| !have_common(outer, hole)) {
+            return Err(Fault::content(place, "a hole outside of its polygon", "it to cut something out"));
+        }
+    }
+    Ok(())
+}
+
 /// Refuses a polygon in another one's hole: nothing may fly there, and the way there is barred.
-fn refuse_islands(parts: &[(String, Polygon, Vec<(&str, Polygon)>)]) -> Result<(), Fault> {
-    for (i, (place, outer, _)) in parts.iter().enumerate() {
+fn refuse_islands(parts: &[Part]) -> Result<(), Fault> {
+    for (i, Part { place, outer, .. }) in parts.iter().enumerate() {
         let others = parts.iter().enumerate().filter(|(j, _)| *j != i);
-        for (hole_place, hole) in others.flat_map(|(_, (_, _, holes))| holes) {
+        for (hole_place, hole) in others.flat_map(|(_, other)| &other.holes) {
             if have_common(outer, hole) {
                 let found = format!("an area that reaches into {hole_place}");
                 return Err(Fault::content(place, found, "it outside of holes: no drone may enter them"));
@@ -319,25 +154,4 @@ fn have_common(a: &Polygon, b: &Polygon) -> bool {
     }
     let rest_m2 = Region::new(vec![a.clone()], vec![b.clone()]).map_or(0.0, |rest| rest.area_m2());
     a.area_m2() - rest_m2 > COMMON_SHARE * a.area_m2().min(b.area_m2())
-}
-
-/// The longitude that is the same modulo 360 degrees and nearest to another one; 180 and -180 become
-/// exactly equal, so that parts cut there meet exactly.
-fn near(lon_deg: f64, other_deg: f64) -> f64 {
-    lon_deg + 360.0 * ((other_deg - lon_deg) / 360.0).round()
-}
-
-fn check_position([lon_deg, lat_deg]: [f64; 2], place: impl Fn() -> String) -> Result<(), Fault> {
-    let found = || format!("longitude {lon_deg}, latitude {lat_deg}");
-    if !(lon_deg.abs() <= 180.0 && lat_deg.abs() <= 90.0) {
-        return Err(Fault::content(
-            place(),
-            found(),
-            "longitude within +-180 and latitude within +-90 degrees",
-        ));
-    }
-    if lat_deg.abs() > 90.0 - CLOSED_WITHIN_DEG {
-        return Err(Fault::content(place(), found(), "an area that does not touch a pole"));
-    }
-    Ok(())
 }

@@ -2,9 +2,11 @@
 
 use serde_json::Value;
 
+use super::border::{Border, Circle, Ring};
+use super::check_rings;
 use super::fault::{Fault, listed};
 use super::json::{array, array_member, described, member, pair, parse};
-use super::outline::{Border, Circle, Outline, Outlines, Ring, check_rings};
+use super::outline::{Outline, Outlines};
 
 /// The polygon of the one survey, or else the one inclusion fence; exclusion fences are no-fly zones.
 ///
@@ -18,7 +20,8 @@ pub(super) fn read(text: &str) -> Result<Outlines, Fault> {
     }
     let surveys = surveys(&file)?;
     let Fences { inclusions, exclusions } = fences(&file)?;
-    let names = |borders: &[Border]| -> Vec<String> { borders.iter().map(Border::place).collect() };
+    let names =
+        |borders: &[Border]| -> Vec<String> { borders.iter().map(|it| it.place().to_owned()).collect() };
     let (mut areas, unused) =
         if surveys.is_empty() { (inclusions, Vec::new()) } else { (surveys, names(&inclusions)) };
     if areas.len() > 1 {

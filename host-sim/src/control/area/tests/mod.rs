@@ -371,6 +371,21 @@ fn absurd_sizes_are_refused() {
     refused("a.json", &"[".repeat(1 << 20), &["line 1, column 128", "recursion limit"]);
 }
 
+#[test]
+fn combs_across_each_other_are_refused_soon() {
+    let comb = |turned: bool| {
+        let mut teeth: Vec<[f64; 2]> = Vec::new();
+        for i in 0..2_000 {
+            teeth.extend([[f64::from(i) * 5e-5, 0.0], [f64::from(i) * 5e-5 + 1e-5, 0.1]]);
+        }
+        teeth.extend([[0.1, -0.001], [0.0, -0.001], [0.0, 0.0]]);
+        teeth.iter_mut().filter(|_| turned).for_each(|position| position.swap(0, 1));
+        serde_json::to_string(&teeth).unwrap()
+    };
+    let rings = polygon(&[comb(false), comb(true)].join(","));
+    refused("a.geojson", &rings, &["cross each other", "simplify"]);
+}
+
 #[cfg(unix)]
 #[test]
 fn a_file_without_an_end_is_not_read_to_it() {
