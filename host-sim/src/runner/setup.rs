@@ -39,7 +39,7 @@ use skyroost_firmware::{
     srs::clock::TickRate,
 };
 use skyroost_protocol::{
-    message::Heading,
+    message::{Heading, MAX_WAYPOINTS},
     units::{DroneId, TimePs},
 };
 
@@ -74,6 +74,7 @@ impl Setup {
         let sweep = sweep::plan(&region, &request(scenario, &pads))
             .map_err(|source| InputError::Sweep { area: input.area.name.clone(), source })?;
         let plan = mission_plan(scenario, &sweep, &pads);
+        check_lanes(&sweep, &plan)?;
         check_endurance(scenario, &sweep, &plan)?;
         Ok(Self { sweep, plan, users, region })
     }
@@ -132,6 +133,30 @@ fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
     }
 }
 
+/// A fleet whose lanes are shorter hardly moves: it hears users from one side only and cannot locate them, metres.
+const LEAST_LANES_M: f64 = 100.0;
+
+/// Refuses lanes that say too little about users, or that no drone has room for.
+fn check_lanes(sweep: &SweepPlan, plan: &MissionPlan) -> Result<(), RunError> {
+    for (sub, fleet) in sweep.sub_areas.iter().zip(&plan.fleets) {
+        let (number, found) = (sub.fleet + 1, fleet.waypoints_m.len());
+        if sub.length_m < LEAST_LANES_M {
+            return Err(RunError::Infeasible(format!(
+                "fleet {number} covers its part of the area from lanes of {:.0} m, and locating takes at least \
+                 {LEAST_LANES_M:.0} m; fewer fleets or a larger area would do",
+                sub.length_m
+            )));
+        }
+        if found > MAX_WAYPOINTS {
+            return Err(RunError::Infeasible(format!(
+                "the lanes of fleet {number} have {found} waypoints, and a drone holds {MAX_WAYPOINTS}; more \
+                 fleets, or an area with fewer corners and zones, would do"
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// Refuses a mission that the batteries do not last for: climb, transit and sweep on the charge that
 /// the supervisor allows, at cruise.
 fn check_endurance(scenario: &Scenario, sweep: &SweepPlan, plan: &MissionPlan) -> Result<(), RunError> {
@@ -140,7 +165,7 @@ fn check_endurance(scenario: &Scenario, sweep: &SweepPlan, plan: &MissionPlan) -
     let usable_s =
         scenario.battery.endurance_s * (1.0 - battery.spread_fraction) * (1.0 - low) / battery.cruise_draw;
     let needed_s = |sub: &SubArea| {
-        let transit_m = (sub.path_m[0] - plan.fleets[sub.fleet].waypoints_m[0]).norm();
+        let transit_m = plan.fleets[sub.fleet].transit_m();
         plan.altitude_m / CLIMB_MPS + transit_m / plan.speed_mps + sub.duration_s
     };
     let longest_s = sweep.sub_areas.iter().map(needed_s).fold(0.0, f64::max);
@@ -179,8 +204,12 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
     let fleets: Vec<PlannedFleet> = (0..scenario.fleets() as usize)
         .map(|f| {
             let mut waypoints_m = vec![pads.centre_m(f)];
-            waypoints_m.extend(sweep.sub_areas.iter().filter(|s| s.fleet == f).flat_map(|s| &s.path_m));
-            PlannedFleet { mates: [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16)), waypoints_m }
+            let own = || sweep.sub_areas.iter().filter(move |s| s.fleet == f);
+            waypoints_m.extend(own().flat_map(|s| &s.approach_m));
+            let transit = waypoints_m.len();
+            waypoints_m.extend(own().flat_map(|s| &s.path_m));
+            let mates = [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16));
+            PlannedFleet { mates, waypoints_m, transit }
         })
         .collect();
     let drones = (0..table.drones as usize).map(|index| {
@@ -246,7 +275,7 @@ pub(super) fn fleet_watches(plan: &MissionPlan) -> Vec<FleetWatch> {
             .map(|p| [(p.x * 1e3).round() as i32, (p.y * 1e3).round() as i32])
             .collect();
         let lanes = Lanes::new(&mm, plan.speed_mps as f32, f32::INFINITY).expect("a plan has lanes");
-        let transit_m = fleet.waypoints_m.windows(2).next().map_or(0.0, |w| (w[1] - w[0]).norm());
+        let transit_m = fleet.transit_m();
         let slots = [0, 1, 2]
             .map(|slot| Slot::new(slot, plan.spacing_m as f32, plan.orientation_rad as f32, plan.heading));
         FleetWatch::new(lanes, (transit_m * 1e6) as i64, slots, plan.altitude_m, plan.radius_m)

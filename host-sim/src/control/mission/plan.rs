@@ -58,4 +58,15 @@ pub struct PlannedFleet {
     pub mates: [DroneId; 3],
     /// Lanes of the triangle's centre, transit included.
     pub waypoints_m: Vec<V2>,
+    /// Waypoints before the first lane: its pad, and corners on the way around no-fly zones.
+    pub transit: usize,
+}
+
+impl PlannedFleet {
+    /// Way from the pad to the first lane, metres.
+    #[must_use]
+    pub fn transit_m(&self) -> f64 {
+        let to_lane = self.waypoints_m.get(..=self.transit).unwrap_or(&self.waypoints_m);
+        to_lane.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
+    }
 }

@@ -32,6 +32,7 @@ use crate::geometry::region::Region;
 use anywhere::Reach;
 use planner::{Planner, Share};
 use request::{MAX_LANES, check};
+use route::Routes;
 use timing::Timing;
 
 /// How far a corner may be cut by the flight code (`guidance::lanes`), rounded up, metres.
@@ -48,6 +49,9 @@ pub struct SubArea {
     pub region: Option<Region>,
     /// Area of its sub-area; where the fleets share one way, the part of the whole that it covers, m2.
     pub area_m2: f64,
+    /// Corners of the way from its entry point to the first lane, where no-fly zones lie between; both ends
+    /// left out.
+    pub approach_m: Vec<V2>,
     /// The way of the centre of its overlap disk, corner by corner.
     pub path_m: Vec<V2>,
     /// Direction of its lanes, from east, in [0, pi).
@@ -144,6 +148,10 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
     if lanes > MAX_LANES {
         return Err(SweepError::TooManyLanes { width_m, swath_m: lane_swath_m, lanes });
     }
+    let reach = Reach {
+        radius_m: radius_m - request.margin_m,
+        clearance_m: request.spacing_m / 3f64.sqrt() + request.margin_m + CORNER_ROOM_M,
+    };
     let planner = Planner {
         region,
         proportions: &proportions,
@@ -152,10 +160,8 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
         speed_mps: request.speed_mps,
         timing: Timing::new(request.speed_mps, &request.corner),
         entry_m: request.entry_m.as_deref().unwrap_or_default(),
-        reach: Reach {
-            radius_m: radius_m - request.margin_m,
-            clearance_m: request.spacing_m / 3f64.sqrt() + request.margin_m + CORNER_ROOM_M,
-        },
+        reach,
+        routes: Routes::new(region.no_fly(), reach.clearance_m),
         clearance_m: apart::clearance_m(request.spacing_m),
     };
     let (split, shares) = planner.shares(request.split)?;
@@ -163,15 +169,17 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
     let whole = covered_region(region, &tracks.concat());
     let sub_area = |(fleet, (share, track)): (usize, (Share, &Vec<Stadium>))| {
         let Share { region: own, way } = share;
+        let approach_m = planner.approach_m(fleet, &way).ok_or(SweepError::NoApproach { fleet })?;
         let (area_m2, covered_fraction) = match &own {
             Some(own) => (own.area_m2(), covered_region(own, track).covered_fraction),
             None => {
                 (region.area_m2() - covered_region(region, track).uncovered_area_m2, whole.covered_fraction)
             }
         };
-        SubArea {
+        Ok(SubArea {
             fleet,
             proportion: proportions[fleet],
+            approach_m,
             region: own,
             area_m2,
             direction_rad: way.direction_rad,
@@ -180,10 +188,10 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
             duration_s: planner.timing.duration_s(&way.path_m),
             covered_fraction,
             path_m: way.path_m,
-        }
+        })
     };
     let separation_m = planner.separation_m(&shares);
-    let sub_areas: Vec<SubArea> = shares.into_iter().zip(&tracks).enumerate().map(sub_area).collect();
+    let sub_areas = shares.into_iter().zip(&tracks).enumerate().map(sub_area).collect::<Result<_, _>>()?;
     Ok(SweepPlan {
         split,
         direction_rad,

@@ -8,6 +8,7 @@ use crate::geometry::region::Region;
 
 use super::anywhere::Reach;
 use super::frame::SweepFrame;
+use super::route::Routes;
 use super::timing::{Timing, length_m, part};
 use super::{SplitMode, SweepError, Way, anywhere, apart, convex, cut};
 
@@ -23,6 +24,8 @@ pub(super) struct Planner<'a> {
     pub(super) timing: Timing,
     /// Empty when nothing is known about where the fleets come from.
     pub(super) entry_m: &'a [V2],
+    /// Ways around the no-fly zones.
+    pub(super) routes: Routes,
     /// Distance that two fleets' centres should keep.
     pub(super) clearance_m: f64,
 }
@@ -117,13 +120,22 @@ impl Planner<'_> {
         }
     }
 
-    /// When a fleet is done: the straight way from its entry point, where that is known, and its way.
+    /// When a fleet is done: the shortest way from its entry point, where that is known, and its way.
     fn end_s(&self, fleet: usize, way: &Way) -> f64 {
         let transit_m = match (self.entry_m.get(fleet), way.path_m.first()) {
-            (Some(entry_m), Some(start_m)) => (start_m - entry_m).norm(),
+            (Some(&entry_m), Some(&start_m)) => self.routes.distances_m(entry_m, &[start_m])[0],
             _ => 0.0,
         };
         transit_m / self.speed_mps + self.timing.duration_s(&way.path_m)
+    }
+
+    /// The way from a fleet's entry point to its first lane, both left out; none where there is no way.
+    pub(super) fn approach_m(&self, fleet: usize, way: &Way) -> Option<Vec<V2>> {
+        let (Some(&entry_m), Some(&start_m)) = (self.entry_m.get(fleet), way.path_m.first()) else {
+            return Some(Vec::new());
+        };
+        let approach_m = self.routes.way(entry_m, start_m)?;
+        Some(approach_m[1..approach_m.len() - 1].to_vec())
     }
 
     fn end_of_all_s(&self, shares: &[Share]) -> f64 {

@@ -122,6 +122,14 @@ pub enum SweepError {
         /// How near a fleet has to come, metres.
         radius_m: f64,
     },
+    /// A fleet that cannot get to its lanes.
+    #[error(
+        "fleet {fleet} finds no way from its entry point that enters no no-fly zone, expected an open one"
+    )]
+    NoApproach {
+        /// The fleet, from 0.
+        fleet: usize,
+    },
     /// The area is larger than any that is meant.
     #[error(
         "an area {width_m:.0} m wide takes {lanes:.0} lanes of {swath_m} m, expected at most {MAX_LANES}"

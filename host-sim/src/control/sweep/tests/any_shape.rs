@@ -118,6 +118,22 @@ fn zones_are_flown_around() {
 }
 
 #[test]
+fn the_way_to_the_lanes_keeps_out_of_zones() {
+    let wall = box_between(-5e3, -600.0, 9e3, -400.0);
+    let region = Region::new(vec![rectangle(10e3, 10e3)], vec![wall]).unwrap();
+    let mut request = request(1, SplitMode::Area);
+    let entry_m = V2::new(0.0, -2e3);
+    request.entry_m = Some(vec![entry_m]);
+    let found = plan(&region, &request).unwrap();
+    let sub = &found.sub_areas[0];
+    let ways = [vec![entry_m], sub.approach_m.clone(), sub.path_m.clone()].concat();
+    let legs = ways.windows(2).map(|w| distance_m([w[0], w[1]], &region.no_fly()[0]));
+    assert!(!sub.approach_m.is_empty() && legs.fold(f64::INFINITY, f64::min) >= TRIANGLE_M);
+    request.entry_m = Some(vec![V2::new(0.0, -500.0)]);
+    assert_eq!(plan(&region, &request), Err(SweepError::NoApproach { fleet: 0 }));
+}
+
+#[test]
 fn parts_far_from_each_other_are_all_swept() {
     let parts = vec![
         box_between(0.0, 0.0, 3e3, 2e3),
