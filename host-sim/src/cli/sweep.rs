@@ -1,24 +1,51 @@
 //! `skyroost sweep`: plans how fleets sweep an area, and writes it for scripts, maps and autopilots.
 
-use std::path::PathBuf;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use thiserror::Error;
 
 use super::console::Console;
 use super::exit::{Exit, Failure};
+use super::output::{OutputDir, OutputError};
 use crate::control::air_to_ground::{AirToGround, Environment, ServedDisk};
 use crate::control::area::{Area, AreaError};
 use crate::control::sweep::{self, SplitMode, SweepError, SweepPlan, SweepRequest};
 use crate::geometry::V2;
-use crate::report::sweep::{ModeFigures, ModeTried, SweepReport};
+use crate::report::sweep::{ModeFigures, ModeTried, SweepReport, WayBlocked};
 use crate::runner::formation::{self, Pads};
+
+const JSON_FILE: &str = "sweep.json";
+const MAP_FILE: &str = "sweep.svg";
+const GEOJSON_FILE: &str = "sweep.geojson";
+
+const EXAMPLES: &str = "\
+Examples:
+  skyroost sweep --area town.geojson --fleets 2 --out sweep
+      Plans the sweep, says whether it fits 100 minutes, and draws it: sweep/sweep.svg.
+  skyroost sweep --area town.kml --fleets 3 --plan missions --base-lon-lat 13.74,51.05
+      Nine missions for QGroundControl, from a base of one's own.
+  skyroost sweep --area field.csv --fleets 2 --proportions 0.7,0.3 --split area --json | jq .duration_s
+      Unequal sub-areas of an area in local metres, results for a script.
+  skyroost sweep --area town.geojson --fleets 2 --environment urban --max-path-loss-db 100
+      Radius and altitude from the link that the users need.
+
+Outputs: a summary, or with --json one object: sub_areas with polygon_m, path_m, length_m, turns, duration_s
+and covered_fraction of each fleet; covered_fraction, residue_m and separation_m of the whole; modes with the
+times of both ways of sharing. Lengths are in metres east and north of origin (none for .csv, where they are
+the file's own), angles in radians from east. Times count the lanes and their turns, not the ways there and
+back. Files appear together at the end; files of the same names are replaced.
+
+Exit status: 0 planned, 2 wrong usage or bad input (nothing is written), 3 infeasible: a drone's straight way
+from or to the base would cross a no-fly zone (--plan only; nothing is written).";
 
 /// Plan the sweep of an area: sub-areas, lanes, times, and what is covered
 ///
 /// Shares an area among fleets of three drones and lays the lanes on which their common coverage sweeps all of
 /// it. The part that is covered is computed exactly, not sampled.
 #[derive(Debug, Args)]
+#[command(after_long_help = EXAMPLES)]
 pub(super) struct SweepArgs {
     /// File with the area: .geojson or .kml (WGS84), .plan (QGroundControl) or .csv (x_m,y_m)
     ///
@@ -87,9 +114,23 @@ pub(super) struct SweepArgs {
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = positive)]
     altitude_m: Option<f64>,
 
-    /// Print the plan as one JSON object
+    /// Directory for one plan file of QGroundControl for each drone, fleet1-drone1.plan and so on
+    ///
+    /// Take-off, speed, every corner of the lanes, return; a fence around it all, and no-fly zones as exclusions.
+    #[arg(long, value_name = "DIR")]
+    plan: Option<PathBuf>,
+
+    /// Directory for sweep.json, sweep.svg (a map) and sweep.geojson
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+
+    /// Print the plan as one JSON object, the same as sweep.json
     #[arg(long)]
     json: bool,
+
+    /// No logs, only results and errors
+    #[arg(long, short)]
+    quiet: bool,
 }
 
 /// Altitude without a link to say better: the mission's.
@@ -177,6 +218,9 @@ pub(crate) enum SweepFailure {
         option: &'static str,
         area: PathBuf,
     },
+    /// No drone may fly there.
+    #[error("--plan: {0}")]
+    Blocked(#[from] WayBlocked),
     /// The link is too weak.
     #[error(
         "--max-path-loss-db: found {max_path_loss_db} dB, expected at least {least_db:.2} dB, the loss from --altitude-m {altitude_m} straight down"
@@ -186,7 +230,10 @@ pub(crate) enum SweepFailure {
 
 impl SweepFailure {
     pub(super) const fn exit(&self) -> Exit {
-        Exit::BadInput
+        match self {
+            Self::Blocked(_) => Exit::Infeasible,
+            _ => Exit::BadInput,
+        }
     }
 }
 
@@ -236,7 +283,7 @@ impl SweepArgs {
     }
 
     /// Reads the area and plans its sweep.
-    fn plan(&self) -> Result<SweepReport, SweepFailure> {
+    fn report(&self) -> Result<SweepReport, SweepFailure> {
         let area = Area::read(&self.area)?;
         let link = self.link()?;
         let fleets = usize::from(self.fleets);
@@ -282,7 +329,48 @@ fn modes(area: &Area, request: &SweepRequest, plan: &SweepPlan) -> Vec<ModeTried
 
 /// Runs the subcommand.
 pub(super) fn run(args: &SweepArgs) -> Result<Exit, Failure> {
-    let report = args.plan()?;
-    Console::print(&if args.json { report.to_json() } else { report.to_string() })?;
+    let console = Console::new(args.quiet);
+    let report = args.report()?;
+    let mut outputs = Vec::new();
+    if let Some(dir) = &args.plan {
+        let plans = report.flight_plans().map_err(SweepFailure::from)?;
+        let plans = plans.ok_or_else(|| args.no_place("--plan"))?;
+        outputs.push(staged("--plan", dir, &plans)?);
+    }
+    if let Some(dir) = &args.out {
+        let geojson = report.to_geojson();
+        if geojson.is_none() {
+            console.log(&format!("no {GEOJSON_FILE}: {} is in local metres", report.area_name));
+        }
+        let names = [JSON_FILE, MAP_FILE, GEOJSON_FILE].map(str::to_owned);
+        let contents = [Some(report.to_json()), Some(report.to_svg()), geojson];
+        let files: Vec<_> =
+            names.into_iter().zip(contents).filter_map(|(name, text)| Some((name, text?))).collect();
+        outputs.push(staged("--out", dir, &files)?);
+    }
+    outputs.into_iter().try_for_each(OutputDir::commit)?;
+    Console::print(&if args.json { report.to_json() } else { text_for_people(&report, args) })?;
     Ok(Exit::Ok)
+}
+
+/// Files on their way into a directory.
+fn staged(option: &'static str, dir: &Path, files: &[(String, String)]) -> Result<OutputDir, OutputError> {
+    let mut output = OutputDir::prepare(option, dir)?;
+    for (name, text) in files {
+        output.stage(name, |file| -> io::Result<()> { file.write_all(text.as_bytes()) })?;
+    }
+    Ok(output)
+}
+
+/// The figures, and where the files lie.
+fn text_for_people(report: &SweepReport, args: &SweepArgs) -> String {
+    let mut text = report.to_string();
+    if let Some(dir) = &args.out {
+        text += &format!("\nMap: {}\n", dir.join(MAP_FILE).display());
+    }
+    if let Some(dir) = &args.plan {
+        let drones = report.plan.sub_areas.len() * usize::from(formation::FLEET_DRONES);
+        text += &format!("\nPlans for QGroundControl: {drones} in {}\n", dir.display());
+    }
+    text
 }

@@ -1,10 +1,18 @@
 //! A planned sweep for scripts, maps, autopilots and people.
 //!
 //! - `json`: every figure, for scripts,
+//! - `flight_plan`: a plan file of QGroundControl for each drone,
+//! - `geojson`: sub-areas and lanes for other maps,
+//! - `map`: a picture,
 //! - `text`: the figures that decide, for people.
 
+mod flight_plan;
+mod geojson;
 mod json;
+mod map;
 mod text;
+
+pub use flight_plan::WayBlocked;
 
 use crate::control::air_to_ground::{AirToGround, ServedDisk};
 use crate::control::area::Area;
@@ -69,6 +77,26 @@ impl SweepReport {
         json::render(self)
     }
 
+    /// Sub-areas, lanes, zones and what is left uncovered, as GeoJSON; none where the area has no place on Earth.
+    #[must_use]
+    pub fn to_geojson(&self) -> Option<String> {
+        self.area.frame.as_ref().map(|frame| geojson::render(self, frame))
+    }
+
+    /// A picture of the plan as a self-contained SVG with light and dark colours.
+    #[must_use]
+    pub fn to_svg(&self) -> String {
+        map::render(self)
+    }
+
+    /// Names and contents of the drones' plan files; none where the area has no place on Earth.
+    ///
+    /// # Errors
+    /// [`WayBlocked`] where a drone would have to fly through a no-fly zone.
+    pub fn flight_plans(&self) -> Result<Option<Vec<(String, String)>>, WayBlocked> {
+        self.area.frame.as_ref().map(|frame| flight_plan::files(self, frame)).transpose()
+    }
+
     /// Whether a flying time is within the mission's.
     fn meets(&self, duration_s: f64) -> bool {
         duration_s <= self.mission_time_s
@@ -89,4 +117,10 @@ const fn name(split: SplitMode) -> &'static str {
         SplitMode::Length => "length",
         SplitMode::Auto => "auto",
     }
+}
+
+/// Rounded down, so that 100 % is said only of the whole, up to the rounding of its computation.
+fn percent(fraction: f64) -> String {
+    const ROUNDING: f64 = 1e-9;
+    format!("{:.2} %", ((fraction + ROUNDING) * 1e4).floor() / 1e2)
 }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{ModeTried, SweepReport, name};
+use super::{ModeTried, SweepReport, name, percent};
 use crate::geometry::polygon::modulo_pi;
 use crate::runner::formation::FLEET_DRONES;
 
@@ -127,17 +127,10 @@ fn metres(length_m: f64) -> String {
     format!("{length_m:.0} m")
 }
 
-/// Rounded up where it is a need, so that nothing seems to fit that does not: hundredths of a minute are fine enough.
 fn minutes(time_s: f64) -> String {
     format!("{:.2} min", time_s / 60.0)
 }
 
 fn square_km(area_m2: f64) -> String {
     format!("{:.3} km2", area_m2 / 1e6)
-}
-
-/// Rounded down, so that 100 % is said only of the whole, up to the rounding of its computation.
-fn percent(fraction: f64) -> String {
-    const ROUNDING: f64 = 1e-9;
-    format!("{:.2} %", ((fraction + ROUNDING) * 1e4).floor() / 1e2)
 }
