@@ -1,6 +1,7 @@
 //! What went wrong and the exit status it has.
 
 use super::output::OutputError;
+use super::sweep::SweepFailure;
 use crate::runner::{InputError, RunError};
 use std::io;
 use thiserror::Error;
@@ -57,6 +58,9 @@ pub(super) enum Failure {
     /// The command line contradicts itself.
     #[error(transparent)]
     Usage(#[from] UsageError),
+    /// There is no plan of the sweep.
+    #[error(transparent)]
+    Sweep(#[from] SweepFailure),
     /// The result files cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -78,6 +82,7 @@ impl Failure {
             Self::Run(RunError::BadInput(_)) | Self::Usage(_) | Self::Output(_) | Self::Stdout(_) => {
                 Exit::BadInput
             }
+            Self::Sweep(failure) => failure.exit(),
             Self::Run(RunError::Infeasible(_)) => Exit::Infeasible,
             Self::Run(RunError::Link(_)) => Exit::Link,
             Self::Run(RunError::Interrupted) => Exit::Interrupted,

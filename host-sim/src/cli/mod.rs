@@ -1,6 +1,7 @@
 //! The `skyroost` command: one file per subcommand, and what they share.
 //!
 //! - `mission`: flies a whole mission,
+//! - `sweep`: plans a sweep,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
 //! - `console`: results to stdout, logs and progress to stderr,
@@ -13,6 +14,7 @@ mod inputs;
 mod interrupt;
 mod mission;
 mod output;
+mod sweep;
 
 use clap::{Parser, Subcommand};
 use console::Console;
@@ -41,7 +43,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Mission(mission::MissionArgs),
+    Mission(Box<mission::MissionArgs>),
+    Sweep(Box<sweep::SweepArgs>),
 }
 
 /// Runs the command line of this process and returns its exit status.
@@ -58,6 +61,7 @@ pub fn main() -> ExitCode {
     };
     let result = match &cli.command {
         Command::Mission(args) => mission::run(args),
+        Command::Sweep(args) => sweep::run(args),
     };
     let exit = result.unwrap_or_else(|failure| {
         Console::error(&failure);

@@ -294,7 +294,8 @@ pub(super) fn bbox(points: &[V2]) -> Option<[V2; 2]> {
 }
 
 /// Convex hull, anticlockwise, without collinear points (Andrew's monotone chain, 1979).
-fn convex_hull(points: &[V2]) -> Vec<V2> {
+#[must_use]
+pub fn convex_hull(points: &[V2]) -> Vec<V2> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let half = |points: &mut dyn Iterator<Item = &V2>| {

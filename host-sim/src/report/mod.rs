@@ -4,4 +4,5 @@ pub mod html;
 pub mod limits;
 pub mod summary;
 mod summary_text;
+pub mod sweep;
 pub mod tables;

@@ -7,6 +7,7 @@
 
 mod digest;
 mod drone;
+pub mod formation;
 mod input;
 mod island;
 mod judge;

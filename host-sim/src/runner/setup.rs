@@ -3,6 +3,7 @@
 use super::{
     InputError, MissionInput, RunError,
     drone::{Drone, Parts},
+    formation::{self, Pads, slot_m},
     island::{Island, Surroundings},
     watch::FleetWatch,
 };
@@ -11,7 +12,7 @@ use crate::{
         localize::{ClockModel, LocalizeConfig},
         mission::plan::{MissionPlan, PlannedDrone, PlannedFleet},
         srs_schedule::SrsConfig,
-        sweep::{self, CornerModel, SubArea, SweepPlan, SweepRequest},
+        sweep::{self, SubArea, SweepPlan, SweepRequest},
     },
     fleet::{BoardError, Hangar},
     geometry::{V2, V3, region::Region},
@@ -32,16 +33,14 @@ use crate::{
 use skyroost_firmware::{
     STEP_S,
     config::{AgentConfig, SupervisorConfig},
-    guidance::{
-        formation::Slot,
-        lanes::{CORNER_DEVIATION_M, LATERAL_ACCEL_MPS2, Lanes},
-    },
+    guidance::{formation::Slot, lanes::Lanes},
     srs::clock::TickRate,
 };
 use skyroost_protocol::{
     message::{Heading, MAX_WAYPOINTS},
     units::{DroneId, TimePs},
 };
+use std::f64::consts::FRAC_PI_2;
 
 /// Climb to the altitude of flight, metres a second.
 const CLIMB_MPS: f64 = 2.5;
@@ -70,7 +69,7 @@ impl Setup {
                     .map_err(InputError::from)?
             }
         };
-        let pads = Pads::new(scenario, &region);
+        let pads = Pads::new(scenario.fleet.base_m.map(V2::from), scenario.fleet.pad_pitch_m(), &region);
         let sweep = sweep::plan(&region, &request(scenario, &pads))
             .map_err(|source| InputError::Sweep { area: input.area.name.clone(), source })?;
         let plan = mission_plan(scenario, &sweep, &pads);
@@ -85,34 +84,9 @@ impl Setup {
     }
 }
 
-/// Where the drones stand: each fleet in its triangle, so that it takes off as it will fly, the fleets
-/// side by side along the south-western border, the reserves beyond.
-struct Pads {
-    base_m: V2,
-    pitch_m: f64,
-}
-
-impl Pads {
-    fn new(scenario: &Scenario, region: &Region) -> Self {
-        let south_west = || {
-            let corners = region.outer_vertices_m();
-            corners.min_by(|a, b| (a.x + a.y).total_cmp(&(b.x + b.y))).unwrap_or_default()
-        };
-        let base_m = scenario.fleet.base_m.map_or_else(south_west, |[x, y]| V2::new(x, y));
-        Self { base_m, pitch_m: scenario.fleet.pad_pitch_m() }
-    }
-
-    /// Centre of the `index`-th place.
-    fn centre_m(&self, index: usize) -> V2 {
-        self.base_m + V2::new(self.pitch_m * index as f64, 0.0)
-    }
-}
-
 fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
     let fleet = &scenario.fleet;
     let fleets = scenario.fleets() as usize;
-    // What a right-angled corner is flown at (`guidance::lanes`).
-    let fillet_m = f64::from(CORNER_DEVIATION_M) / (std::f64::consts::SQRT_2 - 1.0);
     SweepRequest {
         fleets,
         proportions: fleet.proportions.clone().unwrap_or_else(|| vec![1.0 / fleets as f64; fleets]),
@@ -124,10 +98,7 @@ fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
         radius_m: fleet.radius_m,
         spacing_m: fleet.spacing_m,
         speed_mps: fleet.speed_mps,
-        corner: CornerModel {
-            max_accel_mps2: f64::from(skyroost_firmware::guidance::lanes::ALONG_ACCEL_MPS2),
-            corner_speed_mps: (f64::from(LATERAL_ACCEL_MPS2) * fillet_m).sqrt().min(fleet.speed_mps),
-        },
+        corner: formation::corners(fleet.speed_mps),
         margin_m: fleet.margin_m,
         entry_m: Some((0..fleets).map(|f| pads.centre_m(f)).collect()),
     }
@@ -185,16 +156,11 @@ fn heading(scenario: &Scenario) -> Heading {
     }
 }
 
-/// A side of the triangle parallel to the lanes: slot 0 points across them, left of the sweep direction;
-/// for a triangle that turns with the track that is left of the track.
+/// Where slot 0 points: across the lanes; for a triangle that turns with the track, left of the track.
 fn orientation_rad(scenario: &Scenario, sweep: &SweepPlan) -> f64 {
-    let across = std::f64::consts::FRAC_PI_2;
     match scenario.fleet.orientation {
-        Orientation::Fixed => {
-            let angle = sweep.direction_rad + across;
-            if angle > std::f64::consts::PI { angle - std::f64::consts::TAU } else { angle }
-        }
-        Orientation::AlongTrack => across,
+        Orientation::Fixed => formation::fixed_orientation_rad(sweep.direction_rad),
+        Orientation::AlongTrack => FRAC_PI_2,
     }
 }
 
@@ -258,12 +224,6 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
         },
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
     }
-}
-
-/// From the centre of a triangle of side `spacing_m` to its slot.
-fn slot_m(orientation_rad: f64, slot: u8, spacing_m: f64) -> V2 {
-    let angle = orientation_rad + f64::from(slot) * std::f64::consts::TAU / 3.0;
-    V2::new(angle.cos(), angle.sin()) * (spacing_m / 3f64.sqrt())
 }
 
 /// The watches over the fleets of a plan.

@@ -1,0 +1,178 @@
+//! What lies on the map: area, sub-areas, zones, lanes with their directions, and what stays uncovered.
+
+use std::fmt::Write as _;
+
+use super::view::{View, px};
+use crate::control::sweep::SubArea;
+use crate::geometry::V2;
+use crate::geometry::region::{Part, Region};
+use crate::report::sweep::SweepReport;
+
+/// Colours for fleets; more fleets begin again.
+const COLOURS: usize = 6;
+/// A shorter leg shows no arrow, pixels.
+const ARROW_LEG_PX: f64 = 44.0;
+/// More fleets show no ways to and from their pads: they would cover the map.
+const TRANSITS_UP_TO: usize = 8;
+
+/// Class of a fleet's colour.
+pub(super) fn colour(fleet: usize) -> String {
+    format!("f{}", fleet % COLOURS)
+}
+
+/// All points that the map has to show.
+pub(super) fn everything_m(report: &SweepReport) -> Vec<V2> {
+    let region = &report.area.region;
+    let fleets = report.plan.sub_areas.iter();
+    region
+        .outer_vertices_m()
+        .chain(fleets.clone().flat_map(|s| s.path_m.iter().copied()))
+        .chain(fleets.map(|s| report.pads.centre_m(s.fleet)))
+        .collect()
+}
+
+/// Draws the map in its frame.
+pub(super) fn draw(svg: &mut String, report: &SweepReport, view: &View) {
+    let [left, top, width, height] = view.frame_px().map(px);
+    let frame = format!("x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" rx=\"10\"");
+    let area = outline(view, &report.area.region);
+    let _ = writeln!(
+        svg,
+        "<defs>\n<clipPath id=\"frame\"><rect {frame}/></clipPath>\n\
+         <clipPath id=\"within\"><path clip-rule=\"evenodd\" d=\"{area}\"/></clipPath>\n\
+         <pattern id=\"hatch\" width=\"7\" height=\"7\" patternUnits=\"userSpaceOnUse\" patternTransform=\"rotate(45)\">\
+         <path class=\"hatch\" d=\"M0 0V7\"/></pattern>\n</defs>\n\
+         <rect class=\"frame\" {frame}/>\n<g clip-path=\"url(#frame)\">\n\
+         <path class=\"area\" fill-rule=\"evenodd\" d=\"{area}\"/>"
+    );
+    let fleets = &report.plan.sub_areas;
+    fleets.iter().for_each(|fleet| tint(svg, report, view, fleet));
+    let zones = report.area.region.no_fly().iter().map(|zone| zone.vertices_m());
+    for zone in zones {
+        let _ = writeln!(svg, "<path class=\"zone\" d=\"{}\"/>", view.path(zone, true));
+    }
+    let _ = writeln!(svg, "<path class=\"outline\" d=\"{area}\"/>");
+    for ring in &report.plan.residue_m {
+        let _ = writeln!(svg, "<path class=\"uncovered\" d=\"{}\"/>", view.path(ring, true));
+    }
+    let with_transits = fleets.len() <= TRANSITS_UP_TO;
+    fleets.iter().for_each(|fleet| lanes(svg, report, view, fleet, with_transits));
+    // Marks last: no lane may cross a number.
+    fleets.iter().for_each(|fleet| marks(svg, report, view, fleet));
+    scale_bar(svg, view);
+    north(svg, view);
+    svg.push_str("</g>\n");
+}
+
+fn outline(view: &View, region: &Region) -> String {
+    view.rings(region.parts().iter().flat_map(Part::borders_m))
+}
+
+/// A fleet's part of the ground: its sub-area, or what its swath covers of the whole.
+fn tint(svg: &mut String, report: &SweepReport, view: &View, fleet: &SubArea) {
+    let class = colour(fleet.fleet);
+    let _ = match &fleet.region {
+        Some(region) => {
+            writeln!(
+                svg,
+                "<path class=\"tint {class}\" fill-rule=\"evenodd\" d=\"{}\"/>",
+                outline(view, region)
+            )
+        }
+        None => writeln!(
+            svg,
+            "<g clip-path=\"url(#within)\"><path class=\"swath {class}\" stroke-width=\"{}\" d=\"{}\"/></g>",
+            px(report.plan.swath_m * view.px_per_m()),
+            view.path(&fleet.path_m, false)
+        ),
+    };
+}
+
+/// The way with an arrow on every leg that is long enough, and the ways there and back.
+fn lanes(svg: &mut String, report: &SweepReport, view: &View, fleet: &SubArea, with_transits: bool) {
+    let _ = writeln!(svg, "<g class=\"{}\">", colour(fleet.fleet));
+    let pad_m = report.pads.centre_m(fleet.fleet);
+    if with_transits && let (Some(&first), Some(&last)) = (fleet.path_m.first(), fleet.path_m.last()) {
+        for way in [[pad_m, first], [last, pad_m]] {
+            let _ = writeln!(svg, "<path class=\"transit\" d=\"{}\"/>", view.path(&way, false));
+        }
+    }
+    let _ = writeln!(svg, "<path class=\"lane\" d=\"{}\"/>", view.path(&fleet.path_m, false));
+    for leg in fleet.path_m.windows(2) {
+        let (from, to) = (view.point_px(leg[0]), view.point_px(leg[1]));
+        if (to - from).norm() >= ARROW_LEG_PX {
+            let middle = (from + to) / 2.0;
+            let degrees = (to - from).y.atan2((to - from).x).to_degrees();
+            let _ = writeln!(
+                svg,
+                "<path class=\"arrow\" d=\"M6 0L-4.5 4.5L-2.5 0L-4.5 -4.5Z\" transform=\"translate({} {}) rotate({})\"/>",
+                px(middle.x),
+                px(middle.y),
+                px(degrees)
+            );
+        }
+    }
+    svg.push_str("</g>\n");
+}
+
+/// Pad, start and end of a fleet's lanes.
+fn marks(svg: &mut String, report: &SweepReport, view: &View, fleet: &SubArea) {
+    let class = colour(fleet.fleet);
+    let pad = view.point_px(report.pads.centre_m(fleet.fleet));
+    let _ = writeln!(svg, "{}", pad_mark(&class, pad));
+    if let Some(&last) = fleet.path_m.last() {
+        let _ = writeln!(svg, "{}", end_mark(&class, view.point_px(last)));
+    }
+    if let Some(&first) = fleet.path_m.first() {
+        let _ = writeln!(svg, "{}", start_mark(&class, view.point_px(first), fleet.fleet));
+    }
+}
+
+pub(super) fn pad_mark(class: &str, at: V2) -> String {
+    let (x, y) = (px(at.x), px(at.y));
+    format!("<path class=\"mark {class}\" d=\"M0 -6L6 5H-6Z\" transform=\"translate({x} {y})\"/>")
+}
+
+pub(super) fn start_mark(class: &str, at: V2, fleet: usize) -> String {
+    let (x, y) = (px(at.x), px(at.y));
+    format!(
+        "<g transform=\"translate({x} {y})\"><circle class=\"mark {class}\" r=\"9\"/>\
+         <text class=\"mark-text\" y=\"4\">{}</text></g>",
+        fleet + 1
+    )
+}
+
+pub(super) fn end_mark(class: &str, at: V2) -> String {
+    let (x, y) = (px(at.x - 5.0), px(at.y - 5.0));
+    format!("<rect class=\"open {class}\" x=\"{x}\" y=\"{y}\" width=\"10\" height=\"10\" rx=\"1.5\"/>")
+}
+
+/// The longest of 1, 2 and 5 times a power of ten that takes less than a fifth of the map.
+fn scale_bar(svg: &mut String, view: &View) {
+    let [left, top, width, height] = view.frame_px();
+    let most_m = width / 5.0 / view.px_per_m();
+    let power = 10f64.powf(most_m.log10().floor());
+    let length_m = [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|l| *l <= most_m).unwrap_or(power);
+    let text = if length_m >= 1000.0 { format!("{} km", length_m / 1000.0) } else { format!("{length_m} m") };
+    let (x, y, end) = (left + 16.0, top + height - 16.0, left + 16.0 + length_m * view.px_per_m());
+    let _ = writeln!(
+        svg,
+        "<path class=\"scale\" d=\"M{x} {low}V{y}H{end}V{low}\"/>\n<text class=\"halo\" x=\"{x}\" y=\"{above}\">{text}</text>",
+        x = px(x),
+        y = px(y),
+        end = px(end),
+        low = px(y - 6.0),
+        above = px(y - 11.0),
+    );
+}
+
+fn north(svg: &mut String, view: &View) {
+    let [left, top, width, _] = view.frame_px();
+    let _ = writeln!(
+        svg,
+        "<g transform=\"translate({} {})\"><path class=\"north\" d=\"M0 -12L6 8L0 4L-6 8Z\"/>\
+         <text class=\"strong\" y=\"22\" text-anchor=\"middle\">N</text></g>",
+        px(left + width - 20.0),
+        px(top + 22.0)
+    );
+}

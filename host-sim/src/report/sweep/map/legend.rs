@@ -1,0 +1,146 @@
+//! The panel beside the map: does it fit the time, who flies how far, and what the marks mean.
+
+use std::fmt::Write as _;
+
+use super::ground::{colour, end_mark, pad_mark, start_mark};
+use super::view::{escaped, px};
+use crate::geometry::V2;
+use crate::report::sweep::{ModeTried, SweepReport, name, percent};
+
+/// From one line to the next, pixels.
+const LINE_PX: f64 = 24.0;
+
+/// A panel being filled from top to bottom.
+struct Panel {
+    svg: String,
+    x: f64,
+    y: f64,
+    width: f64,
+}
+
+/// The panel and its height, pixels.
+pub(super) fn draw(report: &SweepReport, [x, top]: [f64; 2], width: f64) -> (String, f64) {
+    let mut panel = Panel { svg: String::new(), x, y: top + 11.0, width };
+    time(&mut panel, report);
+    fleets(&mut panel, report);
+    coverage(&mut panel, report);
+    symbols(&mut panel, report);
+    (panel.svg, panel.y - top)
+}
+
+impl Panel {
+    fn text(&mut self, class: &str, dx: f64, text: &str) {
+        let (x, y) = (px(self.x + dx), px(self.y));
+        let _ = writeln!(self.svg, "<text class=\"{class}\" x=\"{x}\" y=\"{y}\">{}</text>", escaped(text));
+    }
+
+    /// A heading over a rule.
+    fn head(&mut self, text: &str) {
+        self.text("head", 0.0, &text.to_uppercase());
+        let (from, to, y) = (px(self.x), px(self.x + self.width), px(self.y + 8.0));
+        let _ = writeln!(self.svg, "<path class=\"rule\" d=\"M{from} {y}H{to}\"/>");
+        self.y += 29.0;
+    }
+
+    fn next(&mut self) {
+        self.y += LINE_PX;
+    }
+
+    fn gap(&mut self) {
+        self.y += 14.0;
+    }
+
+    /// A mark before a line's text.
+    fn symbol(&mut self, draw: impl Fn(V2) -> String, text: &str) {
+        let mark = draw(V2::new(self.x + 10.0, self.y - 4.5));
+        self.svg.push_str(&mark);
+        self.svg.push('\n');
+        self.text("", 30.0, text);
+        self.next();
+    }
+}
+
+fn minutes(time_s: f64) -> String {
+    format!("{:.1} min", time_s / 60.0)
+}
+
+fn time(panel: &mut Panel, report: &SweepReport) {
+    panel.head(&format!("Mission time {}", minutes(report.mission_time_s)));
+    for ModeTried { split, figures } in &report.modes {
+        let taken = *split == report.plan.split;
+        let weight = if taken { "strong" } else { "muted" };
+        panel.text(weight, 0.0, &format!("by {}{}", name(*split), if taken { ", taken" } else { "" }));
+        match figures {
+            Ok(figures) => {
+                panel.text(&format!("number {weight}"), 190.0, &minutes(figures.duration_s));
+                let (class, verdict) = if report.meets(figures.duration_s) {
+                    ("pass", "meets it")
+                } else {
+                    ("fail", "misses it")
+                };
+                panel.text(&format!("number {class}"), panel.width, verdict);
+            }
+            Err(_) => panel.text("number muted", panel.width, "no such plan"),
+        }
+        panel.next();
+    }
+    panel.gap();
+}
+
+fn fleets(panel: &mut Panel, report: &SweepReport) {
+    panel.head("Fleets");
+    for fleet in &report.plan.sub_areas {
+        let class = colour(fleet.fleet);
+        let mark = start_mark(&class, V2::new(panel.x + 10.0, panel.y - 4.5), fleet.fleet);
+        panel.svg.push_str(&mark);
+        panel.svg.push('\n');
+        panel.text("", 30.0, &format!("{} turns", fleet.turns));
+        panel.text("number", 190.0, &format!("{:.2} km", fleet.length_m / 1e3));
+        panel.text("number strong", panel.width, &minutes(fleet.duration_s));
+        panel.next();
+    }
+    panel.gap();
+}
+
+fn coverage(panel: &mut Panel, report: &SweepReport) {
+    panel.head("Coverage");
+    let class = if report.plan.residue_m.is_empty() { "pass" } else { "fail" };
+    panel.text("", 0.0, "of the area");
+    panel.text(&format!("number {class}"), panel.width, &percent(report.plan.covered_fraction));
+    panel.next();
+    panel.text("", 0.0, "swath of a fleet");
+    panel.text("number", panel.width, &format!("{:.1} m", report.plan.swath_m));
+    panel.next();
+    if let Some(separation_m) = report.plan.separation_m {
+        panel.text("", 0.0, "fleets apart, at least");
+        panel.text("number", panel.width, &format!("{separation_m:.0} m"));
+        panel.next();
+    }
+    panel.gap();
+}
+
+fn symbols(panel: &mut Panel, report: &SweepReport) {
+    panel.head("Legend");
+    let class = colour(0);
+    panel.symbol(|at| start_mark(&class, at, 0), "start of a fleet's lanes");
+    panel.symbol(|at| end_mark(&class, at), "their end");
+    panel.symbol(|at| pad_mark(&class, at), "take-off and landing");
+    let line = |what: &str, at: V2| {
+        format!("<path class=\"{what} {class}\" d=\"M{} {}h20\"/>", px(at.x - 10.0), px(at.y))
+    };
+    panel.symbol(|at| line("lane", at), "lanes");
+    panel.symbol(|at| line("transit", at), "way there and back");
+    let square = |what: &str, at: V2| {
+        format!(
+            "<rect class=\"{what}\" x=\"{}\" y=\"{}\" width=\"18\" height=\"14\" rx=\"2\"/>",
+            px(at.x - 9.0),
+            px(at.y - 7.0)
+        )
+    };
+    if !report.area.region.no_fly().is_empty() {
+        panel.symbol(|at| square("zone", at), "no-fly zone");
+    }
+    if !report.plan.residue_m.is_empty() {
+        panel.symbol(|at| square("uncovered", at), "not covered");
+    }
+}
