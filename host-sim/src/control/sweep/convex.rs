@@ -19,16 +19,19 @@ const SAME_DIRECTION_RAD: f64 = 1e-9;
 /// Ways worth comparing, each back and forth along lanes parallel to an edge, and in front of them the plain
 /// ones of Maza and Ollero: equal strips along `direction_rad`, and along the edge across which the polygon is narrowest.
 pub(super) fn ways(polygon: &Polygon, direction_rad: f64, swath_m: f64) -> Vec<Way> {
-    let mut directions = vec![direction_rad, polygon.min_width().direction_rad];
-    directions.extend(polygon.edges_m().map(|(a, b)| modulo_pi((b - a).y.atan2((b - a).x))));
+    let classic = [direction_rad, polygon.min_width().direction_rad];
+    let edges = polygon.edges_m().map(|(a, b)| modulo_pi((b - a).y.atan2((b - a).x)));
     let mut tried: Vec<Tried> = Vec::new();
-    for direction_rad in directions {
+    let mut ways: Vec<Way> = Vec::new();
+    for (index, direction_rad) in classic.into_iter().chain(edges).enumerate() {
         if tried.iter().all(|t| (t.direction_rad - direction_rad).abs() > SAME_DIRECTION_RAD) {
-            tried.push(Tried::new(polygon, direction_rad, swath_m));
+            let found = Tried::new(polygon, direction_rad, swath_m);
+            if index < classic.len() {
+                ways.extend(found.plain().map(|way| Way { plain: true, ..way }));
+            }
+            tried.push(found);
         }
     }
-    let plain = tried.iter().take(2).flat_map(Tried::plain);
-    let mut ways: Vec<Way> = plain.map(|way| Way { plain: true, ..way }).collect();
     tried.sort_by(|a, b| a.plain_m.total_cmp(&b.plain_m));
     for t in tried.iter().take(DIRECTIONS) {
         ways.extend(t.plain());

@@ -158,6 +158,21 @@ proptest! {
         request.corner.corner_speed_mps = corner_mps;
         let found = plan(&polygon, &request).map_err(|e| TestCaseError::fail(e.to_string()))?;
         prop_assert!(found.covered_fraction >= 1.0 - 1e-6, "{}", found.covered_fraction);
+        if found.sub_areas[0].region.is_some() {
+            // Sub-areas lie one after the other across the sweep, and nothing is left between them.
+            let across = V2::new(-found.direction_rad.sin(), found.direction_rad.cos());
+            let mut spans: Vec<[f64; 2]> = found
+                .sub_areas
+                .iter()
+                .filter_map(|s| s.region.as_ref()?.as_polygon())
+                .map(|part| extent(part.vertices_m(), across))
+                .collect();
+            spans.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            prop_assert_eq!(spans.len(), weights.len());
+            prop_assert!(spans.windows(2).all(|w| (w[1][0] - w[0][1]).abs() < 1e-4), "{:?}", spans);
+            let sum_m2: f64 = found.sub_areas.iter().map(|s| s.area_m2).sum();
+            prop_assert!((sum_m2 / polygon.area_m2() - 1.0).abs() < 1e-9);
+        }
         for s in &found.sub_areas {
             prop_assert!(s.covered_fraction >= 1.0 - 1e-6, "{} of fleet {}", s.covered_fraction, s.fleet);
             let axis = V2::new(s.direction_rad.cos(), s.direction_rad.sin());
