@@ -32,6 +32,9 @@ const LEFT_SHARE: f64 = 1e-8;
 /// Places are chosen so that they cover what is left with this much to spare, metres.
 const SPARE_M: f64 = 0.5;
 
+/// Most lanes of one way: their order takes the square of their number.
+const MOST_LANES: f64 = 500.0;
+
 /// Rounds of looking for what is left.
 const MOST_ROUNDS: usize = 40;
 
@@ -49,10 +52,28 @@ pub(super) struct Reach {
 /// # Errors
 /// [`SweepError::Unreachable`] where a piece of the area cannot be covered from anywhere that can be flown to.
 pub(super) fn ways(region: &Region, direction_rad: f64, reach: Reach) -> Result<Vec<Way>, SweepError> {
-    let mut laid: Vec<Laid> =
-        directions(region, direction_rad).into_iter().map(|d| Laid::new(region, d, reach)).collect();
+    let fits = |d: &f64| lane_count(region, *d, reach) <= MOST_LANES;
+    let directions: Vec<f64> = directions(region, direction_rad).into_iter().filter(fits).collect();
+    if directions.is_empty() {
+        let lanes = lane_count(region, direction_rad, reach);
+        return Err(SweepError::TooManyPieces { lanes, most: MOST_LANES });
+    }
+    let mut laid: Vec<Laid> = directions.into_iter().map(|d| Laid::new(region, d, reach)).collect();
+    laid.retain(|laid| laid.lanes.len() as f64 <= 2.0 * MOST_LANES);
+    if laid.is_empty() {
+        return Err(SweepError::TooManyPieces { lanes: 2.0 * MOST_LANES, most: MOST_LANES });
+    }
     laid.sort_by(|a, b| a.effort_m.total_cmp(&b.effort_m));
     laid.iter().take(DIRECTIONS).map(Laid::way).collect()
+}
+
+/// Strips along a direction, each at least one lane.
+fn lane_count(region: &Region, direction_rad: f64, reach: Reach) -> f64 {
+    let frame = SweepFrame::new(region.bbox_m(), direction_rad);
+    let heights_m = region.outer_vertices_m().map(|p| frame.inward(p).y);
+    let [low_m, high_m] =
+        heights_m.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], y| [low.min(y), high.max(y)]);
+    ((high_m - low_m) / (2.0 * reach.radius_m)).ceil()
 }
 
 /// The sweep direction, across it, and along the longest edges.

@@ -130,6 +130,14 @@ pub enum SweepError {
         /// The fleet, from 0.
         fleet: usize,
     },
+    /// An area that is not convex, or has zones, in more pieces than can be put in order.
+    #[error("an area of this shape takes {lanes:.0} lanes or more for one fleet, expected at most {most:.0}")]
+    TooManyPieces {
+        /// Lanes it would take.
+        lanes: f64,
+        /// Most lanes.
+        most: f64,
+    },
     /// The area is larger than any that is meant.
     #[error(
         "an area {width_m:.0} m wide takes {lanes:.0} lanes of {swath_m} m, expected at most {MAX_LANES}"

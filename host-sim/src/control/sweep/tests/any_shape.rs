@@ -165,6 +165,15 @@ fn a_piece_behind_a_wall_is_covered_from_outside_or_refused() {
     assert!((4e3..6e3).contains(&x_m) && (4e3..6e3).contains(&y_m), "({x_m}, {y_m})");
 }
 
+#[test]
+fn more_pieces_than_can_be_ordered_are_refused() {
+    let region = Region::new(vec![rectangle(200e3, 200e3)], vec![box_between(1e3, 1e3, 2e3, 2e3)]).unwrap();
+    let mut narrow = request(1, SplitMode::Auto);
+    narrow.radius_m = 130.0;
+    let found = plan(&region, &narrow).unwrap_err();
+    assert!(matches!(found, SweepError::TooManyPieces { .. }), "{found}");
+}
+
 /// Star-shaped areas of 4 to 30 vertices with boxes as zones.
 fn any_region() -> impl Strategy<Value = Region> {
     let radii = prop::collection::vec(0.25..1.0f64, 4..30);
