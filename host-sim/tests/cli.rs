@@ -1,101 +1,38 @@
 //! The `skyroost` command as a script sees it: exit status, stdout, stderr and files.
 
+mod support;
+
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
-use tempfile::TempDir;
-
-/// A directory of its own to run the command in.
-struct Bench {
-    dir: TempDir,
-}
-
-/// What a run of the command left.
-struct Ran {
-    code: Option<i32>,
-    stdout: String,
-    stderr: String,
-}
-
-impl Bench {
-    fn new() -> Self {
-        Self { dir: tempfile::tempdir().expect("a temporary directory") }
-    }
-
-    /// Puts an input file into the directory.
-    fn file(self, name: &str, text: &str) -> Self {
-        fs::write(self.path(name), text).expect("an input file");
-        self
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.dir.path().join(name)
-    }
-
-    fn command(&self, args: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_skyroost"));
-        command.args(args).current_dir(self.dir.path()).stdin(Stdio::null()).env("COLUMNS", "100");
-        command
-    }
-
-    fn run(&self, args: &[&str]) -> Ran {
-        let Output { status, stdout, stderr } = self.command(args).output().expect("the command starts");
-        let text = |bytes| String::from_utf8(bytes).expect("output in UTF-8");
-        Ran { code: status.code(), stdout: text(stdout), stderr: text(stderr) }
-    }
-
-    /// Names of everything in a directory below this one.
-    fn names(&self, dir: &str) -> Vec<String> {
-        let entries = fs::read_dir(self.path(dir)).expect("a directory");
-        let name = |entry: std::io::Result<fs::DirEntry>| entry.expect("an entry").file_name();
-        let mut names: Vec<String> =
-            entries.map(name).map(|name| name.to_string_lossy().into_owned()).collect();
-        names.sort();
-        names
-    }
-
-    /// Runs a mission that must be refused as bad input: status 2, an error that holds `told`,
-    /// nothing on stdout, nothing written.
-    #[track_caller]
-    fn refused(&self, args: &[&str], told: &[&str]) {
-        let before = self.names(".");
-        let ran = self.run(&[&["mission"], args].concat());
-        assert_eq!(ran.code, Some(2), "{}", ran.stderr);
-        for told in told {
-            assert!(ran.stderr.contains(told), "{told:?} is not in: {}", ran.stderr);
-        }
-        assert!(ran.stderr.starts_with("error: "), "{}", ran.stderr);
-        assert_eq!(ran.stdout, "");
-        assert_eq!(self.names("."), before);
-    }
-}
+use std::path::Path;
+use std::process::{Command, Stdio};
+use support::Bench;
 
 const RESULT_FILES: [&str; 5] =
     ["recording.json", "report.html", "summary.json", "trajectory.csv", "users.csv"];
 
 #[test]
 fn help_shows_every_option_and_examples() {
-    let ran = Bench::new().run(&["mission", "--help"]);
+    let ran = Bench::of("mission").run(&["mission", "--help"]);
     assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""));
     insta::assert_snapshot!(ran.stdout);
 }
 
 #[test]
 fn help_of_the_command_lists_subcommands_and_exit_statuses() {
-    let ran = Bench::new().run(&["--help"]);
+    let ran = Bench::of("mission").run(&["--help"]);
     assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""));
     insta::assert_snapshot!(ran.stdout);
 }
 
 #[test]
 fn version_is_the_packages() {
-    let ran = Bench::new().run(&["--version"]);
+    let ran = Bench::of("mission").run(&["--version"]);
     assert_eq!((ran.code, ran.stdout), (Some(0), format!("skyroost {}\n", env!("CARGO_PKG_VERSION"))));
 }
 
 #[test]
 fn wrong_usage_exits_2() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     for args in [&[][..], &["fly"], &["mission", "--sed", "1"], &["mission", "a.toml", "b.toml"]] {
         let ran = bench.run(args);
         assert_eq!((ran.code, ran.stdout.as_str()), (Some(2), ""), "{args:?}");
@@ -104,7 +41,7 @@ fn wrong_usage_exits_2() {
 
 #[test]
 fn options_with_values_out_of_range_are_refused() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     bench.refused(&["--seed", "-1"], &["--seed"]);
     bench.refused(&["--threads", "0"], &["--threads", "1..=1024"]);
     bench.refused(&["--threads", "100000000"], &["--threads"]);
@@ -120,7 +57,7 @@ fn options_with_values_out_of_range_are_refused() {
 
 #[test]
 fn what_is_said_about_boards_must_fit_together() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     for (option, value) in [("--board-image", "image"), ("--board-log", "logs")] {
         let told = [option, "expected --backend qemu"];
         bench.refused(&[option, value], &told);
@@ -133,7 +70,7 @@ fn what_is_said_about_boards_must_fit_together() {
 
 #[test]
 fn an_image_that_is_not_there_is_named() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     let boards = ["--backend", "qemu", "--board-image"];
     bench.refused(&[&boards[..], &["none/image"]].concat(), &["--board-image", "none/image", "No such file"]);
     bench.refused(&[&boards[..], &["."]].concat(), &["--board-image", "directory"]);
@@ -143,7 +80,7 @@ fn an_image_that_is_not_there_is_named() {
 
 #[test]
 fn a_folder_for_logs_that_cannot_be_is_refused_before_anything_starts() {
-    let bench = Bench::new().file("file", "");
+    let bench = Bench::of("mission").file("file", "");
     // Had anything been started, the missing image would have been told.
     let boards = ["--backend", "qemu", "--board-image", "none", "--board-log"];
     bench.refused(&[&boards[..], &["file"]].concat(), &["--board-log: file: cannot be written"]);
@@ -153,7 +90,7 @@ fn a_folder_for_logs_that_cannot_be_is_refused_before_anything_starts() {
 
 #[test]
 fn ports_must_be_as_many_as_drones() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     bench.refused(&["--backend", "serial:a,b"], &["--backend", "found 2 serial port(s) for 6 drones"]);
     bench
         .refused(&["--backend", "serial:a,b,c,d", "--drones", "3"], &["found 4 serial port(s) for 3 drones"]);
@@ -161,7 +98,7 @@ fn ports_must_be_as_many_as_drones() {
 
 #[test]
 fn a_port_that_is_not_there_is_a_board_that_failed() {
-    let bench = Bench::new().file("file", "");
+    let bench = Bench::of("mission").file("file", "");
     for (ports, told) in [
         ("/dev/none-1,/dev/none-2,/dev/none-3", ["board of drone 1", "/dev/none-1"]),
         ("file,/dev/none-2,/dev/none-3", ["board of drone 1", "file"]),
@@ -178,19 +115,19 @@ fn a_port_that_is_not_there_is_a_board_that_failed() {
 
 #[test]
 fn a_missing_scenario_is_named() {
-    Bench::new().refused(&["none.toml"], &["none.toml", "No such file"]);
+    Bench::of("mission").refused(&["none.toml"], &["none.toml", "No such file"]);
 }
 
 #[test]
 fn a_scenario_that_is_no_text_is_named() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     fs::write(bench.path("photo.toml"), [0xff, 0xd8, 0xff, 0xe0]).expect("an input file");
     bench.refused(&["photo.toml"], &["photo.toml", "UTF-8"]);
 }
 
 #[test]
 fn an_unknown_key_is_named_with_its_line() {
-    let bench = Bench::new().file("host.toml", "name = 'x'\n\n[fleet]\ndronez = 6\n");
+    let bench = Bench::of("mission").file("host.toml", "name = 'x'\n\n[fleet]\ndronez = 6\n");
     bench.refused(
         &["host.toml"],
         &["host.toml:4: fleet.dronez: found an unknown key, expected one of `drones`"],
@@ -199,19 +136,19 @@ fn an_unknown_key_is_named_with_its_line() {
 
 #[test]
 fn zero_drones_are_named_with_their_line() {
-    let bench = Bench::new().file("host.toml", "# a\n[fleet]\ndrones = 0\n");
+    let bench = Bench::of("mission").file("host.toml", "# a\n[fleet]\ndrones = 0\n");
     bench.refused(&["host.toml"], &["error: host.toml:3: fleet.drones: found 0, expected 1 to 4096\n"]);
 }
 
 #[test]
 fn more_drones_than_ids_are_refused() {
-    let bench = Bench::new().file("host.toml", "[fleet]\ndrones = 4097\n");
+    let bench = Bench::of("mission").file("host.toml", "[fleet]\ndrones = 4097\n");
     bench.refused(&["host.toml"], &["host.toml:2: fleet.drones: found 4097, expected 1 to 4096"]);
 }
 
 #[test]
 fn numbers_that_are_none_and_negative_radii_are_refused() {
-    let bench = Bench::new()
+    let bench = Bench::of("mission")
         .file("nan.toml", "[fleet]\nradius_m = nan\n")
         .file("neg.toml", "[fleet]\nradius_m = -1\n");
     bench.refused(&["nan.toml"], &["nan.toml:2: fleet.radius_m: found NaN"]);
@@ -220,7 +157,7 @@ fn numbers_that_are_none_and_negative_radii_are_refused() {
 
 #[test]
 fn a_missing_area_or_users_file_is_named() {
-    let bench = Bench::new().file("host.toml", "[area]\nfile = 'gone.csv'\n");
+    let bench = Bench::of("mission").file("host.toml", "[area]\nfile = 'gone.csv'\n");
     bench.refused(&["host.toml"], &["gone.csv", "No such file"]);
     bench.refused(&["--area", "none.csv"], &["none.csv", "No such file"]);
     bench.refused(&["--users", "none.csv"], &["none.csv", "No such file"]);
@@ -228,7 +165,7 @@ fn a_missing_area_or_users_file_is_named() {
 
 #[test]
 fn a_wrong_header_is_named() {
-    let bench = Bench::new().file("bad.csv", "lon,lat\n1,2\n3,4\n5,6\n");
+    let bench = Bench::of("mission").file("bad.csv", "lon,lat\n1,2\n3,4\n5,6\n");
     bench.refused(&["--area", "bad.csv"], &["bad.csv", "lon,lat", "x_m,y_m"]);
     bench.refused(&["--users", "bad.csv"], &["bad.csv", "lon,lat", "x_m,y_m"]);
 }
@@ -262,7 +199,7 @@ fn a_fault_in_an_area_on_earth_is_named_with_its_place() {
 
 #[test]
 fn empty_files_and_coordinates_that_are_no_numbers_are_refused() {
-    let bench = Bench::new()
+    let bench = Bench::of("mission")
         .file("nan.csv", "x_m,y_m\n0,0\n5000,0\n5000,NaN\n")
         .file("word.csv", "x_m,y_m\n0,0\n5000,far\n0,5000\n")
         .file("head.csv", "x_m,y_m\n")
@@ -277,13 +214,13 @@ fn empty_files_and_coordinates_that_are_no_numbers_are_refused() {
 
 #[test]
 fn an_area_smaller_than_a_swath_is_refused() {
-    let bench = Bench::new().file("yard.csv", "x_m,y_m\n0,0\n100,0\n100,100\n0,100\n");
+    let bench = Bench::of("mission").file("yard.csv", "x_m,y_m\n0,0\n100,0\n100,100\n0,100\n");
     bench.refused(&["--area", "yard.csv"], &["yard.csv", "swath"]);
 }
 
 #[test]
 fn fewer_than_three_drones_are_infeasible() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     let ran = bench.run(&["mission", "--drones", "2"]);
     assert_eq!((ran.code, ran.stdout.as_str()), (Some(3), ""));
     assert!(ran.stderr.contains("a fleet needs 3"), "{}", ran.stderr);
@@ -292,7 +229,7 @@ fn fewer_than_three_drones_are_infeasible() {
 
 #[test]
 fn an_out_directory_that_cannot_be_is_refused_before_flying() {
-    let bench = Bench::new().file("file", "");
+    let bench = Bench::of("mission").file("file", "");
     bench.refused(&["--out", "file/out"], &["--out: file: cannot be written"]);
     bench.refused(&["--out", "file"], &["--out: file: cannot be written"]);
 }
@@ -302,7 +239,7 @@ const SHORT: &str = "[mission]\nduration_s = 20\n";
 
 #[test]
 fn json_is_one_object_and_nothing_else_and_the_files_appear() {
-    let bench = Bench::new().file("short.toml", SHORT);
+    let bench = Bench::of("mission").file("short.toml", SHORT);
     let ran = bench.run(&["mission", "short.toml", "--json", "--quiet"]);
     assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""));
     let summary: serde_json::Value = serde_json::from_str(&ran.stdout).expect("one JSON object");
@@ -323,7 +260,8 @@ fn json_is_one_object_and_nothing_else_and_the_files_appear() {
 
 #[test]
 fn a_failed_limit_exits_1_with_results() {
-    let bench = Bench::new().file("strict.toml", &format!("{SHORT}[limits]\ncoverage_fraction_min = 1\n"));
+    let bench =
+        Bench::of("mission").file("strict.toml", &format!("{SHORT}[limits]\ncoverage_fraction_min = 1\n"));
     let ran = bench.run(&["mission", "strict.toml", "--out", "deep/er"]);
     assert_eq!(ran.code, Some(1), "{}", ran.stderr);
     assert!(ran.stdout.contains("FAIL  coverage_fraction_min"), "{}", ran.stdout);
@@ -333,7 +271,7 @@ fn a_failed_limit_exits_1_with_results() {
 
 #[test]
 fn a_reader_that_goes_away_is_no_error() {
-    let bench = Bench::new().file("short.toml", SHORT);
+    let bench = Bench::of("mission").file("short.toml", SHORT);
     for args in [&["--help"][..], &["mission", "short.toml", "--json"]] {
         let mut child = bench
             .command(args)
@@ -352,7 +290,7 @@ fn a_reader_that_goes_away_is_no_error() {
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_stdout_is_an_error_and_no_panic() {
-    let bench = Bench::new().file("short.toml", SHORT);
+    let bench = Bench::of("mission").file("short.toml", SHORT);
     let full = fs::File::options().write(true).open("/dev/full").expect("/dev/full");
     let ran = bench.command(&["mission", "short.toml"]).stdout(full).output().expect("the command runs");
     let stderr = String::from_utf8_lossy(&ran.stderr);
@@ -363,7 +301,7 @@ fn a_full_stdout_is_an_error_and_no_panic() {
 #[test]
 #[cfg(unix)]
 fn an_interrupt_exits_130_and_leaves_nothing() {
-    let bench = Bench::new();
+    let bench = Bench::of("mission");
     for signal in ["-INT", "-TERM"] {
         let child = bench
             .command(&["mission"])

@@ -12,8 +12,8 @@ use crate::toolchain::{TARGET, Toolchain};
 pub(crate) const HELP: &str = "\
 Usage: cargo xtask setup
 
-Makes sure that this machine can cross-compile for the boards, emulate one, and open a report in a
-browser. As root on Debian or a relative it installs the packages that are missing; otherwise it
+Makes sure that this machine can cross-compile for the boards, emulate one, open a report in a
+browser, and read flight plans back. As root on Debian or a relative it installs the packages that are missing; otherwise it
 prints what to type and exits with 1. The other subcommands call it where they need it.
 ";
 
@@ -26,10 +26,12 @@ pub(crate) enum Need {
     Emulator,
     /// A browser that tests can steer.
     Browser,
+    /// What reads flight plans back, independently of the code that writes them.
+    Python,
 }
 
 /// All of it.
-pub(crate) const ALL: [Need; 3] = [Need::Cross, Need::Emulator, Need::Browser];
+pub(crate) const ALL: [Need; 4] = [Need::Cross, Need::Emulator, Need::Browser, Need::Python];
 
 impl Need {
     fn name(self) -> &'static str {
@@ -37,6 +39,7 @@ impl Need {
             Self::Cross => "a compiler for thumbv7em-none-eabihf",
             Self::Emulator => "qemu-system-arm",
             Self::Browser => "Chromium with its driver",
+            Self::Python => "python3",
         }
     }
 
@@ -48,6 +51,7 @@ impl Need {
             }
             Self::Emulator => &["qemu-system-arm"],
             Self::Browser => &["chromium", "chromium-driver"],
+            Self::Python => &["python3"],
         }
     }
 
@@ -56,6 +60,7 @@ impl Need {
             Self::Cross => Toolchain::detect().is_some(),
             Self::Emulator => on_path("qemu-system-arm"),
             Self::Browser => on_path("chromium") && on_path("chromedriver"),
+            Self::Python => on_path("python3"),
         }
     }
 }

@@ -26,19 +26,20 @@ Examples:
       Plans the sweep, says whether it fits 100 minutes, and draws it: sweep/sweep.svg.
   skyroost sweep --area town.kml --fleets 3 --plan missions --base-lon-lat 13.74,51.05
       Nine missions for QGroundControl, from a base of one's own.
-  skyroost sweep --area field.csv --fleets 2 --proportions 0.7,0.3 --split area --json | jq .duration_s
-      Unequal sub-areas of an area in local metres, results for a script.
+  skyroost sweep --area field.csv --fleets 2 --proportions 0.7,0.3 --json | jq .duration_s
+      Unequal shares of an area in local metres, results for a script.
   skyroost sweep --area town.geojson --fleets 2 --environment urban --max-path-loss-db 100
       Radius and altitude from the link that the users need.
 
-Outputs: a summary, or with --json one object: sub_areas with polygon_m, path_m, length_m, turns, duration_s
-and covered_fraction of each fleet; covered_fraction, residue_m and separation_m of the whole; modes with the
-times of both ways of sharing. Lengths are in metres east and north of origin (none for .csv, where they are
-the file's own), angles in radians from east. Times count the lanes and their turns, not the ways there and
-back. Files appear together at the end; files of the same names are replaced.
+Outputs: a summary, or with --json one object. Its sub_areas have polygon_m, path_m, length_m,
+turns, duration_s and covered_fraction of each fleet; covered_fraction, residue_m and separation_m
+are those of the whole; modes has the times of both ways of sharing. Lengths are metres east and
+north of origin (null for .csv, whose own metres they are), angles radians from east. Times count
+the lanes and their turns, not the ways there and back. Files appear together at the end; files of
+the same names are replaced.
 
-Exit status: 0 planned, 2 wrong usage or bad input (nothing is written), 3 infeasible: a drone's straight way
-from or to the base would cross a no-fly zone (--plan only; nothing is written).";
+Exit status: 0 planned, 2 wrong usage or bad input (nothing is written), 3 infeasible: with --plan
+a drone's straight way from or to the base would cross a no-fly zone (nothing is written).";
 
 /// Plan the sweep of an area: sub-areas, lanes, times, and what is covered
 ///

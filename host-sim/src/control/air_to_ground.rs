@@ -202,22 +202,22 @@ mod tests {
     /// `truth_air_to_ground.py`.
     #[rustfmt::skip]
     const SCIPY: [(Environment, f64, f64, f64, f64, f64); 16] = [
-        (Environment::Suburban, 100.0, 2.0e9, 403.689, 1089.050_563, 1036.214_711),
-        (Environment::Suburban, 110.0, 2.0e9, 1276.576, 3443.880_267, 1663.167_419),
-        (Environment::Suburban, 95.0, 7.0e8, 648.602, 1749.766_106, 1320.710_367),
-        (Environment::Suburban, 105.0, 5.8e9, 247.542, 667.805_584, 655.949_818),
-        (Environment::Urban, 100.0, 2.0e9, 646.040, 706.548_767, 516.137_935),
-        (Environment::Urban, 110.0, 2.0e9, 2042.958, 2234.303_383, 800.786_715),
-        (Environment::Urban, 95.0, 7.0e8, 1037.986, 1135.204_486, 618.602_915),
-        (Environment::Urban, 105.0, 5.8e9, 396.152, 433.255_560, 406.630_804),
-        (Environment::DenseUrban, 100.0, 2.0e9, 630.949, 448.074_864, 337.764_592),
-        (Environment::DenseUrban, 110.0, 2.0e9, 1995.236, 1416.937_131, 544.980_247),
-        (Environment::DenseUrban, 95.0, 7.0e8, 1013.739, 719.917_179, 411.735_286),
-        (Environment::DenseUrban, 105.0, 5.8e9, 386.898, 274.759_415, 260.989_036),
-        (Environment::Highrise, 100.0, 2.0e9, 234.904, 60.668_129, 57.844_507),
-        (Environment::Highrise, 110.0, 2.0e9, 742.830, 191.849_469, 146.970_621),
-        (Environment::Highrise, 95.0, 7.0e8, 377.417, 97.474_846, 94.933_427),
-        (Environment::Highrise, 105.0, 5.8e9, 144.043, 37.201_684, 9.320_200),
+        (Environment::Suburban, 100.0, 2.0e9, 403.689, 1089.050563, 1036.214711),
+        (Environment::Suburban, 110.0, 2.0e9, 1276.576, 3443.880267, 1663.167419),
+        (Environment::Suburban, 95.0, 7.0e8, 648.602, 1749.766106, 1320.710367),
+        (Environment::Suburban, 105.0, 5.8e9, 247.542, 667.805584, 655.949818),
+        (Environment::Urban, 100.0, 2.0e9, 646.040, 706.548767, 516.137935),
+        (Environment::Urban, 110.0, 2.0e9, 2042.958, 2234.303383, 800.786715),
+        (Environment::Urban, 95.0, 7.0e8, 1037.986, 1135.204486, 618.602915),
+        (Environment::Urban, 105.0, 5.8e9, 396.152, 433.255560, 406.630804),
+        (Environment::DenseUrban, 100.0, 2.0e9, 630.949, 448.074864, 337.764592),
+        (Environment::DenseUrban, 110.0, 2.0e9, 1995.236, 1416.937131, 544.980247),
+        (Environment::DenseUrban, 95.0, 7.0e8, 1013.739, 719.917179, 411.735286),
+        (Environment::DenseUrban, 105.0, 5.8e9, 386.898, 274.759415, 260.989036),
+        (Environment::Highrise, 100.0, 2.0e9, 234.904, 60.668129, 57.844507),
+        (Environment::Highrise, 110.0, 2.0e9, 742.830, 191.849469, 146.970621),
+        (Environment::Highrise, 95.0, 7.0e8, 377.417, 97.474846, 94.933427),
+        (Environment::Highrise, 105.0, 5.8e9, 144.043, 37.201684, 9.320200),
     ];
 
     #[test]
@@ -225,7 +225,7 @@ mod tests {
         for (environment, max_path_loss_db, frequency_hz, altitude_m, radius_m, from_300_m) in SCIPY {
             let link = AirToGround { environment, frequency_hz, max_path_loss_db };
             let largest = link.largest();
-            assert!((largest.radius_m / radius_m - 1.0).abs() < 1e-8, "{link:?}: {largest:?}");
+            assert!((largest.radius_m - radius_m).abs() < 1e-5, "{link:?}: {largest:?}");
             // At a summit the radius hardly depends on the altitude, so a search finds that less well.
             assert!((largest.altitude_m / altitude_m - 1.0).abs() < 1e-4, "{link:?}: {largest:?}");
             let found_m = link.from_altitude(300.0).map_or(0.0, |disk| disk.radius_m);

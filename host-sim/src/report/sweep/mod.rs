@@ -124,3 +124,6 @@ fn percent(fraction: f64) -> String {
     const ROUNDING: f64 = 1e-9;
     format!("{:.2} %", ((fraction + ROUNDING) * 1e4).floor() / 1e2)
 }
+
+#[cfg(test)]
+mod tests;

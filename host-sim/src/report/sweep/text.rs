@@ -54,11 +54,7 @@ impl SweepReport {
         row(f, "swath", format!("{:.2} m under all three drones of a fleet{margin}", plan.swath_m))?;
         row(f, "coverage", format!("{} of the area", percent(plan.covered_fraction)))?;
         if plan.covered_fraction < 1.0 {
-            row(
-                f,
-                "",
-                format!("left: {} place(s), uncovered in sweep.svg and sweep.geojson", plan.residue_m.len()),
-            )?;
+            row(f, "", "sweep.svg and sweep.geojson (--out) show what is left")?;
         }
         if let Some(separation_m) = plan.separation_m {
             row(

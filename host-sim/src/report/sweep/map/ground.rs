@@ -47,9 +47,8 @@ pub(super) fn draw(svg: &mut String, report: &SweepReport, view: &View) {
     );
     let fleets = &report.plan.sub_areas;
     fleets.iter().for_each(|fleet| tint(svg, report, view, fleet));
-    let zones = report.area.region.no_fly().iter().map(|zone| zone.vertices_m());
-    for zone in zones {
-        let _ = writeln!(svg, "<path class=\"zone\" d=\"{}\"/>", view.path(zone, true));
+    for zone in report.area.region.no_fly() {
+        let _ = writeln!(svg, "<path class=\"zone\" d=\"{}\"/>", view.path(zone.vertices_m(), true));
     }
     let _ = writeln!(svg, "<path class=\"outline\" d=\"{area}\"/>");
     for ring in &report.plan.residue_m {

@@ -10,6 +10,9 @@ use crate::report::sweep::{ModeTried, SweepReport, name, percent};
 /// From one line to the next, pixels.
 const LINE_PX: f64 = 24.0;
 
+/// Where the column of numbers in the middle ends.
+const COLUMN_PX: f64 = 214.0;
+
 /// A panel being filled from top to bottom.
 struct Panel {
     svg: String,
@@ -69,10 +72,10 @@ fn time(panel: &mut Panel, report: &SweepReport) {
     for ModeTried { split, figures } in &report.modes {
         let taken = *split == report.plan.split;
         let weight = if taken { "strong" } else { "muted" };
-        panel.text(weight, 0.0, &format!("by {}{}", name(*split), if taken { ", taken" } else { "" }));
+        panel.text(weight, 0.0, &format!("by {}{}", name(*split), if taken { " (taken)" } else { "" }));
         match figures {
             Ok(figures) => {
-                panel.text(&format!("number {weight}"), 190.0, &minutes(figures.duration_s));
+                panel.text(&format!("number {weight}"), COLUMN_PX, &minutes(figures.duration_s));
                 let (class, verdict) = if report.meets(figures.duration_s) {
                     ("pass", "meets it")
                 } else {
@@ -95,7 +98,7 @@ fn fleets(panel: &mut Panel, report: &SweepReport) {
         panel.svg.push_str(&mark);
         panel.svg.push('\n');
         panel.text("", 30.0, &format!("{} turns", fleet.turns));
-        panel.text("number", 190.0, &format!("{:.2} km", fleet.length_m / 1e3));
+        panel.text("number", COLUMN_PX, &format!("{:.2} km", fleet.length_m / 1e3));
         panel.text("number strong", panel.width, &minutes(fleet.duration_s));
         panel.next();
     }

@@ -6,6 +6,8 @@ use crate::geometry::V2;
 const HEIGHT_PX: [f64; 2] = [360.0, 820.0];
 /// Free space around what is drawn.
 const PADDING_PX: f64 = 36.0;
+/// More of it below, for the scale.
+const FOOT_PX: f64 = 22.0;
 
 /// A map's frame and its scale.
 pub(super) struct View {
@@ -21,9 +23,10 @@ impl View {
         let corners = points_m.iter().copied().map(|p| [p, p]);
         let [low, high] = corners.reduce(|[a, b], [c, d]| [a.inf(&c), b.sup(&d)]).unwrap_or([V2::zeros(); 2]);
         let extent = (high - low).map(|length_m| length_m.max(1.0));
-        let free = |length_px: f64| length_px - 2.0 * PADDING_PX;
-        let px_per_m = (free(width_px) / extent.x).min(free(HEIGHT_PX[1]) / extent.y);
-        let height_px = (extent.y * px_per_m + 2.0 * PADDING_PX).clamp(HEIGHT_PX[0], HEIGHT_PX[1]);
+        let (beside_px, above_and_below_px) = (2.0 * PADDING_PX, 2.0 * PADDING_PX + FOOT_PX);
+        let fits = [(width_px - beside_px) / extent.x, (HEIGHT_PX[1] - above_and_below_px) / extent.y];
+        let px_per_m = fits[0].min(fits[1]);
+        let height_px = (extent.y * px_per_m + above_and_below_px).clamp(HEIGHT_PX[0], HEIGHT_PX[1]);
         Self { left_top_px, size_px: [width_px, height_px], centre_m: (low + high) / 2.0, px_per_m }
     }
 
@@ -43,7 +46,7 @@ impl View {
     pub(super) fn point_px(&self, point_m: V2) -> V2 {
         let [left, top, width, height] = self.frame_px();
         let from_centre = (point_m - self.centre_m) * self.px_per_m;
-        V2::new(left + width / 2.0 + from_centre.x, top + height / 2.0 - from_centre.y)
+        V2::new(left + width / 2.0 + from_centre.x, top + (height - FOOT_PX) / 2.0 - from_centre.y)
     }
 
     /// Path data of a line, closed or open.
