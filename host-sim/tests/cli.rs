@@ -181,7 +181,7 @@ fn a_fault_in_an_area_on_earth_is_named_with_its_place() {
     };
     let plan = r#"{"fileType":"Plan","mission":{"items":[{"complexItemType":"survey",
         "polygon":[[51.0,13.7],[51.0,13.8],[51.1,13.7],[51.1,13.8]]}]}}"#;
-    let bench = Bench::new()
+    let bench = Bench::of("mission")
         .file("open.kml", &kml(ring))
         .file("pole.kml", &kml("0,89 120,89 -120,89 0,89"))
         .file("bow.plan", plan)
