@@ -213,12 +213,6 @@ fn empty_files_and_coordinates_that_are_no_numbers_are_refused() {
 }
 
 #[test]
-fn an_area_smaller_than_a_swath_is_refused() {
-    let bench = Bench::of("mission").file("yard.csv", "x_m,y_m\n0,0\n100,0\n100,100\n0,100\n");
-    bench.refused(&["--area", "yard.csv"], &["yard.csv", "swath"]);
-}
-
-#[test]
 fn fewer_than_three_drones_are_infeasible() {
     let bench = Bench::of("mission");
     let ran = bench.run(&["mission", "--drones", "2"]);

@@ -92,6 +92,14 @@ fn proportions_base_and_margin_do_what_they_say() {
 }
 
 #[test]
+fn an_area_smaller_than_a_swath_is_covered_from_one_place() {
+    let bench = bench().file("yard.csv", "x_m,y_m\n0,0\n100,0\n100,100\n0,100\n");
+    let yard = json(&bench, &["--area", "yard.csv", "--fleets", "1"]);
+    assert_eq!((&yard["covered_fraction"], &yard["sub_areas"][0]["turns"]), (&1.0.into(), &0.into()));
+    assert!(yard["length_m"].as_f64().unwrap() < 100.0);
+}
+
+#[test]
 fn a_link_gives_radius_and_altitude() {
     let bench = bench();
     let link =

@@ -94,10 +94,11 @@ fn fleets(panel: &mut Panel, report: &SweepReport) {
     panel.head("Fleets");
     for fleet in &report.plan.sub_areas {
         let class = colour(fleet.fleet);
+        let turns = if fleet.turns == 1 { "1 turn".to_owned() } else { format!("{} turns", fleet.turns) };
         let mark = start_mark(&class, V2::new(panel.x + 10.0, panel.y - 4.5), fleet.fleet);
         panel.svg.push_str(&mark);
         panel.svg.push('\n');
-        panel.text("", 30.0, &format!("{} turns", fleet.turns));
+        panel.text("", 30.0, &turns);
         panel.text("number", COLUMN_PX, &format!("{:.2} km", fleet.length_m / 1e3));
         panel.text("number strong", panel.width, &minutes(fleet.duration_s));
         panel.next();

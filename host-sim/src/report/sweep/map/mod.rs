@@ -11,6 +11,7 @@ mod view;
 
 use super::{SweepReport, name};
 use std::fmt::Write as _;
+use std::path::Path;
 use view::{View, escaped, px};
 
 const STYLE: &str = include_str!("style.css");
@@ -32,7 +33,9 @@ pub(super) fn render(report: &SweepReport) -> String {
     let (legend, legend_px) = legend::draw(report, [panel_x, HEADER_PX], PANEL_WIDTH_PX);
     let width = panel_x + PANEL_WIDTH_PX + MARGIN_PX;
     let height = HEADER_PX + view.height_px().max(legend_px) + MARGIN_PX;
-    let title = escaped(&format!("Sweep of {}", report.area_name));
+    let file = Path::new(&report.area_name).file_name();
+    let file = file.map_or_else(|| report.area_name.clone().into(), |name| name.to_string_lossy());
+    let title = escaped(&format!("Sweep of {file}"));
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" role=\"img\" \
          aria-labelledby=\"title\">\n<title id=\"title\">{title}</title>\n<style>\n{STYLE}</style>\n",
