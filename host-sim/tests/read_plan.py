@@ -117,7 +117,7 @@ def check(path, sweep, area, used):
     slot = (reach * math.cos(angle), reach * math.sin(angle))
     places = [tuple(item["params"][4:6]) for item in items if item["command"] in (TAKEOFF, WAYPOINT)]
     way = [metres(sweep["origin"], *place) for place in places]
-    centres = [expected["pad_m"]] + expected["path_m"]
+    centres = [expected["pad_m"]] + expected["approach_m"] + expected["path_m"] + expected["way_back_m"]
     expect(len(way) == len(centres), path, f"{len(way)} places for {len(centres)} centres")
     for found, centre in zip(way, centres):
         off = math.dist(found, (centre[0] + slot[0], centre[1] + slot[1]))

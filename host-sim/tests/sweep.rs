@@ -13,9 +13,15 @@ const SQUARE: &str = "x_m,y_m\n0,0\n10000,0\n10000,10000\n0,10000\n";
 const TOWN: &str = r#"{"type":"Polygon","coordinates":[[[13.70,51.05],[13.80,51.04],[13.85,51.09],[13.75,51.12],[13.70,51.05]]]}"#;
 /// The 180th meridian runs through it.
 const DATE_LINE: &str = r#"{"type":"Polygon","coordinates":[[[179.93,-16.55],[-179.93,-16.52],[-179.95,-16.41],[179.95,-16.44],[179.93,-16.55]]]}"#;
+/// An L with two holes.
+const HOLES: &str = r#"{"type":"Polygon","coordinates":[
+    [[13.70,51.00],[13.78,51.00],[13.78,51.025],[13.735,51.025],[13.735,51.05],[13.70,51.05],[13.70,51.00]],
+    [[13.715,51.010],[13.715,51.015],[13.725,51.015],[13.725,51.010],[13.715,51.010]],
+    [[13.701,51.003],[13.701,51.004],[13.712,51.004],[13.712,51.003],[13.701,51.003]]]}"#;
 
 fn bench() -> Bench {
-    Bench::of("sweep").file("square.csv", SQUARE).file("town.geojson", TOWN).file("line.geojson", DATE_LINE)
+    let bench = Bench::of("sweep").file("square.csv", SQUARE).file("town.geojson", TOWN);
+    bench.file("line.geojson", DATE_LINE).file("holes.geojson", HOLES)
 }
 
 fn json(bench: &Bench, args: &[&str]) -> Value {
@@ -199,6 +205,9 @@ fn truth_an_independent_reader_finds_the_same_way_in_every_plan() {
         ("town.geojson", "2", &["--split", "area"][..]),
         ("town.geojson", "3", &["--split", "length", "--base-lon-lat", "13.9,51.0", "--altitude-m", "120"]),
         ("line.geojson", "2", &["--spacing-m", "80", "--speed-mps", "12.5"]),
+        // The second hole lies between the base in the south-west and everything else.
+        ("holes.geojson", "2", &["--split", "area"]),
+        ("holes.geojson", "1", &["--split", "length", "--margin-m", "15"]),
     ] {
         let args = ["sweep", "--area", area, "--fleets", fleets, "--plan", "plans", "--out", "out"];
         let ran = bench.run(&[&args[..], more].concat());

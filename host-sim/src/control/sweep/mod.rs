@@ -52,6 +52,8 @@ pub struct SubArea {
     /// Corners of the way from its entry point to the first lane, where no-fly zones lie between; both ends
     /// left out.
     pub approach_m: Vec<V2>,
+    /// The same of the way back from the last lane.
+    pub way_back_m: Vec<V2>,
     /// The way of the centre of its overlap disk, corner by corner.
     pub path_m: Vec<V2>,
     /// Direction of its lanes, from east, in [0, pi).
@@ -169,7 +171,8 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
     let whole = covered_region(region, &tracks.concat());
     let sub_area = |(fleet, (share, track)): (usize, (Share, &Vec<Stadium>))| {
         let Share { region: own, way } = share;
-        let approach_m = planner.approach_m(fleet, &way).ok_or(SweepError::NoApproach { fleet })?;
+        let [approach_m, way_back_m] =
+            planner.transits_m(fleet, &way).ok_or(SweepError::NoApproach { fleet })?;
         let (area_m2, covered_fraction) = match &own {
             Some(own) => (own.area_m2(), covered_region(own, track).covered_fraction),
             None => {
@@ -180,6 +183,7 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
             fleet,
             proportion: proportions[fleet],
             approach_m,
+            way_back_m,
             region: own,
             area_m2,
             direction_rad: way.direction_rad,

@@ -129,13 +129,15 @@ impl Planner<'_> {
         transit_m / self.speed_mps + self.timing.duration_s(&way.path_m)
     }
 
-    /// The way from a fleet's entry point to its first lane, both left out; none where there is no way.
-    pub(super) fn approach_m(&self, fleet: usize, way: &Way) -> Option<Vec<V2>> {
-        let (Some(&entry_m), Some(&start_m)) = (self.entry_m.get(fleet), way.path_m.first()) else {
-            return Some(Vec::new());
+    /// The ways from a fleet's entry point to its first lane and from its last lane back, ends left out; none
+    /// where there is no way.
+    pub(super) fn transits_m(&self, fleet: usize, way: &Way) -> Option<[Vec<V2>; 2]> {
+        let ends = way.path_m.first().zip(way.path_m.last());
+        let (Some(&entry_m), Some((&first_m, &last_m))) = (self.entry_m.get(fleet), ends) else {
+            return Some([Vec::new(), Vec::new()]);
         };
-        let approach_m = self.routes.way(entry_m, start_m)?;
-        Some(approach_m[1..approach_m.len() - 1].to_vec())
+        let inner = |way_m: Vec<V2>| way_m[1..way_m.len() - 1].to_vec();
+        Some([inner(self.routes.way(entry_m, first_m)?), inner(self.routes.way(last_m, entry_m)?)])
     }
 
     fn end_of_all_s(&self, shares: &[Share]) -> f64 {

@@ -93,11 +93,12 @@ pub(super) fn files(report: &SweepReport, frame: &LocalFrame) -> Result<Vec<(Str
 fn drone<'a>(report: &SweepReport, fleet: &'a SubArea, slot: u8) -> Drone<'a> {
     let orientation_rad = fixed_orientation_rad(report.plan.direction_rad);
     let offset_m = slot_m(orientation_rad, slot, report.request.spacing_m);
+    let way_m = fleet.approach_m.iter().chain(&fleet.path_m).chain(&fleet.way_back_m);
     Drone {
         fleet,
         slot,
         home_m: report.pads.centre_m(fleet.fleet) + offset_m,
-        waypoints_m: fleet.path_m.iter().map(|centre_m| centre_m + offset_m).collect(),
+        waypoints_m: way_m.map(|centre_m| centre_m + offset_m).collect(),
     }
 }
 

@@ -63,6 +63,10 @@ struct Fleet {
     duration_s: f64,
     covered_fraction: f64,
     pad_m: Point,
+    /// Corners between the pad and the first lane, where zones lie between.
+    approach_m: Ring,
+    /// And between the last lane and the pad.
+    way_back_m: Ring,
     transit_m: f64,
     return_m: f64,
 }
@@ -145,6 +149,8 @@ fn fleet(report: &SweepReport, sub_area: &SubArea) -> Fleet {
         duration_s: sub_area.duration_s,
         covered_fraction: sub_area.covered_fraction,
         pad_m: report.pads.centre_m(sub_area.fleet).into(),
+        approach_m: ring(&sub_area.approach_m),
+        way_back_m: ring(&sub_area.way_back_m),
         transit_m,
         return_m,
     }

@@ -102,11 +102,21 @@ impl SweepReport {
         duration_s <= self.mission_time_s
     }
 
-    /// Straight way from a fleet's pad to its first lane, and from its last one back, metres.
+    /// The way from a fleet's pad to its first lane, and that from its last one back, corner by corner.
+    fn ways_there_and_back_m(&self, sub_area: &SubArea) -> [Vec<V2>; 2] {
+        let pad_m = vec![self.pads.centre_m(sub_area.fleet)];
+        let end = |end: Option<&V2>| end.copied().into_iter().collect::<Vec<_>>();
+        let SubArea { path_m, approach_m, way_back_m, .. } = sub_area;
+        [
+            [&pad_m[..], approach_m, &end(path_m.first())].concat(),
+            [&end(path_m.last())[..], way_back_m, &pad_m].concat(),
+        ]
+    }
+
+    /// The lengths of these ways, metres.
     fn transits_m(&self, sub_area: &SubArea) -> [f64; 2] {
-        let pad_m = self.pads.centre_m(sub_area.fleet);
-        [sub_area.path_m.first(), sub_area.path_m.last()]
-            .map(|end: Option<&V2>| end.map_or(0.0, |end| (end - pad_m).norm()))
+        self.ways_there_and_back_m(sub_area)
+            .map(|way_m| way_m.windows(2).fold(0.0, |sum, leg| sum + (leg[1] - leg[0]).norm()))
     }
 }
 

@@ -212,6 +212,27 @@ proptest! {
     }
 }
 
+/// Fleets whose sub-areas are a swath high or more stay two triangles and a spacing apart, in either way of sharing.
+#[test]
+fn fleets_stay_apart() {
+    let mut random = uniform();
+    let mut least_m = f64::INFINITY;
+    for case in 0..200 {
+        let polygon = of_kind(case % 5, &mut random);
+        let fleets = 2 + case / 5 % 3;
+        if polygon.min_width().width_m < 950.0 * fleets as f64 {
+            continue;
+        }
+        for split in [SplitMode::Area, SplitMode::Length] {
+            let found = plan(&polygon, &request(fleets, split)).unwrap();
+            let apart_m = found.separation_m.unwrap();
+            assert!(apart_m >= 107.0, "case {case}, {fleets} fleets, {split:?}: {apart_m} m");
+            least_m = least_m.min(apart_m);
+        }
+    }
+    assert!(least_m.is_finite(), "some cases count");
+}
+
 /// Length of plain lanes, computed another way: sub-areas by bisection, strips clipped one by one, equal
 /// strips along the sweep direction or along the sub-area's own narrowest direction, whichever is shorter.
 fn plain_length_m(polygon: &Polygon, request: &SweepRequest) -> f64 {
@@ -273,6 +294,15 @@ fn zigzag_m(part: &Polygon, direction_rad: f64, radius_m: f64) -> f64 {
     length_m(&way(0)).min(length_m(&way(1)))
 }
 
+/// Numbers in [0, 1), the same in every run.
+fn uniform() -> impl FnMut() -> f64 {
+    let mut state = 1_u64;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
 /// A convex area of a kind: 0 triangle, 1 sliver, 2 12-gon, 3 parallelogram, 4 rectangle.
 fn of_kind(kind: usize, random: &mut impl FnMut() -> f64) -> Polygon {
     let size_m = 1000.0 * 20f64.powf(random());
@@ -307,11 +337,7 @@ fn of_kind(kind: usize, random: &mut impl FnMut() -> f64) -> Polygon {
 
 #[test]
 fn ways_are_shorter_than_plain_lanes_on_average() {
-    let mut state = 1_u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1_u64 << 53) as f64
-    };
+    let mut random = uniform();
     let (mut sums, mut count) = ([0.0; 2], 0.0);
     for case in 0..500 {
         let polygon = of_kind(case % 5, &mut random);

@@ -90,9 +90,8 @@ fn tint(svg: &mut String, report: &SweepReport, view: &View, fleet: &SubArea) {
 /// The way with an arrow on every leg that is long enough, and the ways there and back.
 fn lanes(svg: &mut String, report: &SweepReport, view: &View, fleet: &SubArea, with_transits: bool) {
     let _ = writeln!(svg, "<g class=\"{}\">", colour(fleet.fleet));
-    let pad_m = report.pads.centre_m(fleet.fleet);
-    if with_transits && let (Some(&first), Some(&last)) = (fleet.path_m.first(), fleet.path_m.last()) {
-        for way in [[pad_m, first], [last, pad_m]] {
+    if with_transits {
+        for way in report.ways_there_and_back_m(fleet) {
             let _ = writeln!(svg, "<path class=\"transit\" d=\"{}\"/>", view.path(&way, false));
         }
     }
