@@ -104,18 +104,16 @@ fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
     }
 }
 
-/// A fleet whose lanes are shorter hardly moves: it hears users from one side only and cannot locate them, metres.
-const LEAST_LANES_M: f64 = 100.0;
-
 /// Refuses lanes that say too little about users, or that no drone has room for.
 fn check_lanes(sweep: &SweepPlan, plan: &MissionPlan) -> Result<(), RunError> {
     for (sub, fleet) in sweep.sub_areas.iter().zip(&plan.fleets) {
         let (number, found) = (sub.fleet + 1, fleet.waypoints_m.len());
-        if sub.length_m < LEAST_LANES_M {
+        // A fleet that moves by less than its own size hears users from one side only.
+        if sub.length_m < plan.spacing_m {
             return Err(RunError::Infeasible(format!(
                 "fleet {number} covers its part of the area from lanes of {:.0} m, and locating takes at least \
-                 {LEAST_LANES_M:.0} m; fewer fleets or a larger area would do",
-                sub.length_m
+                 its spacing of {:.0} m; fewer fleets or a larger area would do",
+                sub.length_m, plan.spacing_m
             )));
         }
         if found > MAX_WAYPOINTS {
