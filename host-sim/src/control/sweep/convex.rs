@@ -1,7 +1,9 @@
 //! Ways over a convex polygon: lanes along one of its edges, back and forth.
 
-use crate::geometry::V2;
-use crate::geometry::polygon::{Polygon, modulo_pi};
+use std::f64::consts::PI;
+
+use crate::geometry::polygon::{Polygon, extent, modulo_pi};
+use crate::geometry::{V2, cross};
 
 use super::lanes::{Chains, Lane, good_lanes, plain_lanes, zigzag};
 use super::timing::length_m;
@@ -41,6 +43,14 @@ pub(super) fn ways(polygon: &Polygon, direction_rad: f64, swath_m: f64) -> Vec<W
     ways
 }
 
+/// Whether the centroid lies above half the height.
+fn heavier_north(polygon: &Polygon) -> bool {
+    // First moment of the area, by triangles from the origin.
+    let moment_m3: f64 = polygon.edges_m().map(|(a, b)| cross(a, b) * (a.y + b.y)).sum();
+    let [south, north] = extent(polygon.vertices_m(), V2::y());
+    moment_m3 / (6.0 * polygon.area_m2()) > f64::midpoint(south, north)
+}
+
 /// How many of the [`ways`] are plain: what every other has to be held against.
 pub(super) fn plain_ways(ways: &[Way]) -> &[Way] {
     let plain = ways.iter().take_while(|way| way.plain).count();
@@ -59,6 +69,13 @@ struct Tried {
 impl Tried {
     fn new(polygon: &Polygon, direction_rad: f64, swath_m: f64) -> Self {
         let frame = SweepFrame::new(polygon.bbox_m(), direction_rad);
+        // The search for strips goes from south to north and may end in either of two local minima: begin at the
+        // same end however the area lies.
+        let frame = if heavier_north(&polygon.moved(|p| frame.inward(p))) {
+            SweepFrame::new(polygon.bbox_m(), direction_rad + PI)
+        } else {
+            frame
+        };
         let chains = Chains::new(&polygon.moved(|p| frame.inward(p)));
         let lanes = plain_lanes(&chains, swath_m);
         let plain_m = [true, false]

@@ -50,12 +50,12 @@ impl Planner<'_> {
         }
     }
 
-    /// By length where that lets the slowest fleet end first, is no longer in all than plain lanes by area, and
-    /// keeps the fleets as far apart as they should be.
+    /// By length where the slowest fleet's lanes take less time, all of them are no longer than plain lanes by area,
+    /// and the fleets keep as far apart as they should.
     fn better(&self) -> Result<(SplitMode, Vec<Share>), SweepError> {
         let (area, plain_m) = self.by_area()?;
         let length = self.by_length(plain_m)?;
-        let gains = self.end_of_all_s(&length) < self.end_of_all_s(&area) * (1.0 - EQUAL)
+        let gains = self.slowest_s(&length) < self.slowest_s(&area) * (1.0 - EQUAL)
             && total_m(&length) <= plain_m * (1.0 + EQUAL)
             && (self.keeps_apart(&length) || !self.keeps_apart(&area));
         Ok(if gains { (SplitMode::Length, length) } else { (SplitMode::Area, area) })
@@ -138,6 +138,11 @@ impl Planner<'_> {
         };
         let inner = |way_m: Vec<V2>| way_m[1..way_m.len() - 1].to_vec();
         Some([inner(self.routes.way(entry_m, first_m)?), inner(self.routes.way(last_m, entry_m)?)])
+    }
+
+    /// Flying time of the slowest fleet, without the way to its lanes.
+    fn slowest_s(&self, shares: &[Share]) -> f64 {
+        shares.iter().map(|s| self.timing.duration_s(&s.way.path_m)).fold(0.0, f64::max)
     }
 
     fn end_of_all_s(&self, shares: &[Share]) -> f64 {

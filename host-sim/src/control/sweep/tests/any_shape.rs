@@ -79,7 +79,7 @@ fn shapes_that_are_not_convex_are_swept() {
         })
         .chain([[9000.0, 5000.0], [9600.0, 5000.0], [9600.0, 0.0], [0.0, 0.0]])
         .collect();
-    for (shape, lengths) in [(l, 51e3), (u, 71e3), (ring(&comb), 70e3)] {
+    for shape in [l, u, ring(&comb)] {
         let region = Region::from(shape);
         for split in [SplitMode::Area, SplitMode::Length, SplitMode::Auto] {
             for fleets in [1, 2, 3] {
@@ -87,11 +87,7 @@ fn shapes_that_are_not_convex_are_swept() {
                 assert_swept(&region, &found);
                 // Area over swath, and a half more for what borders and changes cost.
                 let bound_m = 1.5 * region.area_m2() / found.swath_m + 6e3 * fleets as f64;
-                assert!(
-                    found.length_m() < bound_m,
-                    "{} {bound_m} {lengths} {fleets} {split:?}",
-                    found.length_m()
-                );
+                assert!(found.length_m() < bound_m, "{} {bound_m} {fleets} {split:?}", found.length_m());
             }
         }
     }
@@ -193,7 +189,8 @@ fn any_region() -> impl Strategy<Value = Region> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(60))]
+    // No more areas may be refused than are swept.
+    #![proptest_config(ProptestConfig { cases: 60, max_global_rejects: 60, ..ProptestConfig::default() })]
 
     #[test]
     fn any_area_is_covered_and_no_zone_entered(
@@ -208,7 +205,7 @@ proptest! {
         let found = match plan(&region, &request) {
             Ok(found) => found,
             // Zones of up to 2.4 km that overlap may enclose a piece.
-            Err(SweepError::Unreachable { .. }) => return Ok(()),
+            Err(why @ SweepError::Unreachable { .. }) => return Err(TestCaseError::reject(why.to_string())),
             Err(other) => return Err(TestCaseError::fail(other.to_string())),
         };
         prop_assert!(found.covered_fraction >= 1.0 - 1e-6, "{}", found.covered_fraction);
