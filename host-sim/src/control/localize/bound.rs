@@ -5,15 +5,17 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use skyroost_protocol::units::UserId;
 
+use super::check::on_ground;
 use super::clock::{Clocks, Grid, Resolution};
 use super::model::{LocalizeConfig, LocalizeError, Occasion, Robust, UserFix};
-use super::normal::{Normal, PositionPrior, sym_inverse, sym_mul};
-use super::problem::{Problem, split};
+use super::normal::{Normal, PositionPrior};
+use super::problem::{Problem, UserSpan, split};
 use super::robust::Loss;
+use super::small::{Mat, dot, horizontal, inverse, mul};
 use super::solve::State;
 
 /// Information that stands for "none" where a block must be inverted: a standard deviation of 100 km.
-const NO_INFORMATION: PositionPrior = PositionPrior { info: 1e-10 };
+const NO_INFORMATION: f64 = 1e-10;
 /// Bounds above this are not reported: the measurements do not determine the position.
 const UNBOUNDED_M: f64 = 10_000.0;
 
@@ -21,8 +23,8 @@ const UNBOUNDED_M: f64 = 10_000.0;
 ///
 /// The information matrix of all captures but the `late` ones (`late[i][k]` marks capture k of occasion i) is
 /// taken at the true positions, with the emission times, the positions and the clocks unknown. The
-/// priors of the clocks count as information (a hybrid bound, Van Trees 1968, section 2.4.3); no prior
-/// of the positions does. Users heard by several clock groups add up their information.
+/// priors of the clocks and of uncertain altitudes count as information (a hybrid bound, Van Trees 1968,
+/// section 2.4.3), and users are taken to be at the altitude assumed; no prior of the horizontal positions does. Users heard by several clock groups add up their information.
 ///
 /// # Errors
 /// A field of `cfg` out of its range, or `late` not as long as `occasions`.
@@ -48,34 +50,43 @@ pub fn crlb(
 }
 
 /// Covariance of two independent estimates taken together: `(A^-1 + B^-1)^-1`.
-pub(super) fn parallel(a: [[f64; 2]; 2], b: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
-    let inverse = |m: [[f64; 2]; 2]| sym_inverse([m[0][0], m[0][1], m[1][1]]);
+pub(super) fn parallel(a: Mat<2>, b: Mat<2>) -> Mat<2> {
     let (a, b) = (inverse(a), inverse(b));
-    let [xx, xy, yy] = sym_inverse([a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
-    [[xx, xy], [xy, yy]]
+    inverse(std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j])))
 }
 
 fn bound_group(
     problem: &Problem,
     truth: &BTreeMap<UserId, [f64; 2]>,
     cfg: &LocalizeConfig,
-) -> Vec<(UserId, [[f64; 2]; 2])> {
-    if problem.heard.is_empty() {
-        return Vec::new();
+) -> Vec<(UserId, Mat<2>)> {
+    match () {
+        () if problem.heard.is_empty() => Vec::new(),
+        () if cfg.user_altitude_sigma_m > 0.0 => bound_blocks::<3>(problem, truth, cfg),
+        () => bound_blocks::<2>(problem, truth, cfg),
     }
+}
+
+fn bound_blocks<const D: usize>(
+    problem: &Problem,
+    truth: &BTreeMap<UserId, [f64; 2]>,
+    cfg: &LocalizeConfig,
+) -> Vec<(UserId, Mat<2>)> {
     // Clocks enter linearly: the information does not depend on their values.
     let grid = Grid::new(problem, cfg, Resolution::Fine);
     let clocks = Clocks::from_lines(&grid, &vec![(0.0, 0.0); problem.drones.len()]);
-    let pos_m: Vec<[f64; 2]> =
-        problem.users.iter().map(|user| truth.get(&user.user).copied().unwrap_or(user.centroid_m)).collect();
+    let at = |user: &UserSpan| truth.get(&user.user).copied().unwrap_or(user.centroid_m);
+    let pos_m = problem.users.iter().map(|user| on_ground::<D>(at(user))).collect();
     let mut normal = Normal::default();
     let loss = Loss::new(Robust::None, 1.0);
     let state = State { grid, clocks, pos_m };
-    normal.evaluate(problem, &state, &loss, NO_INFORMATION, |_| 1);
+    let prior =
+        PositionPrior { horizontal_info: NO_INFORMATION, up_info: cfg.user_altitude_sigma_m.powi(-2) };
+    normal.evaluate(problem, &state, &loss, prior, |_| 1);
     let matrix = normal.envelope(&grid);
     let Some(eliminated) = normal.eliminate(&state, 0.0, matrix) else { return Vec::new() };
     let covariances = normal.covariances(&grid, &eliminated);
-    (problem.users.iter().zip(covariances))
+    (problem.users.iter().zip(covariances.iter().map(horizontal)))
         .filter(|(_, cov)| {
             cov[0][0] + cov[1][1] < UNBOUNDED_M * UNBOUNDED_M && cov[0][0] > 0.0 && cov[1][1] > 0.0
         })
@@ -96,8 +107,7 @@ pub fn crlb_ratio(
     for fix in users.iter().filter(|fix| fix.status == super::FixStatus::Ok) {
         let (Some(p), Some(cov)) = (truth.get(&fix.user), bound.get(&fix.user)) else { continue };
         let e = [fix.pos_m[0] - p[0], fix.pos_m[1] - p[1]];
-        let whitened = sym_mul(sym_inverse([cov[0][0], cov[0][1], cov[1][1]]), e);
-        sum += e[0] * whitened[0] + e[1] * whitened[1];
+        sum += dot(e, mul(&inverse(*cov), e));
         count += 1;
     }
     (count > 0).then(|| (sum / (2.0 * f64::from(count))).sqrt())

@@ -1,10 +1,11 @@
 //! Whether a fix deserves trust: bad fits and their second starts, mirror points, profiles, the status.
 
 use super::model::{FixStatus, LocalizeConfig, UserFix};
-use super::normal::{Fit, Sym2, UserBlock, sym_inverse, sym_mul};
+use super::normal::{Fit, UserBlock};
 use super::problem::{Problem, UserSpan};
 use super::r95::{eigenvalues, r95};
 use super::robust::{Loss, linearise};
+use super::small::{Mat, dot, horizontal, inverse, mul};
 use super::solve::{State, position_prior};
 
 /// A clean pass throws out some 10 % of its captures (5 % late, more of them in pairs); beyond this share something
@@ -22,6 +23,8 @@ const CHI2_95: f64 = 5.991;
 const ENOUGH_GAIN: f64 = 1e-3;
 /// Occasions of a first look at a mirror point.
 const GLANCE: usize = 16;
+/// Share of r95 by which the prior may move a fix.
+const MOST_PULL: f64 = 0.2;
 /// Fixes with a smaller r95 are in the linear range (the geometry curves over some 300 m): no profile needed.
 const PROFILE_FROM_R95_M: f64 = 25.0;
 
@@ -34,6 +37,8 @@ pub(super) fn not_located(user: &UserSpan, cfg: &LocalizeConfig) -> UserFix {
         pos_m: user.centroid_m,
         cov_m2,
         r95_m: r95(cov_m2),
+        altitude_m: cfg.user_altitude_m,
+        altitude_sigma_m: cfg.user_altitude_sigma_m,
         status: FixStatus::NotLocated,
         occasions: user.span.len() as u32,
         rejected: 0,
@@ -42,14 +47,14 @@ pub(super) fn not_located(user: &UserSpan, cfg: &LocalizeConfig) -> UserFix {
 }
 
 /// The status of user `u`; `known_clocks_cov` is its covariance if the clocks were known.
-pub(super) fn status(
+pub(super) fn status<const D: usize>(
     problem: &Problem,
     cfg: &LocalizeConfig,
-    state: &State,
+    state: &State<D>,
     u: usize,
     fit: &Fit,
     r95_m: f64,
-    known_clocks_cov: Sym2,
+    known_clocks_cov: &Mat<D>,
 ) -> FixStatus {
     if fit.tdoas < 2 {
         return FixStatus::NotLocated;
@@ -70,6 +75,19 @@ pub(super) fn status(
     FixStatus::Ok
 }
 
+/// Whether the belief that a user is near the drones moved its fix by more than can be left unsaid.
+pub(super) fn is_pulled<const D: usize>(
+    user: &UserSpan,
+    cfg: &LocalizeConfig,
+    p: [f64; D],
+    cov: &Mat<2>,
+) -> bool {
+    let prior = position_prior(cfg).horizontal_info;
+    let away = [prior * (p[0] - user.centroid_m[0]), prior * (p[1] - user.centroid_m[1])];
+    let [east, north] = mul(cov, away);
+    east.hypot(north) > MOST_PULL * r95(*cov)
+}
+
 fn rejected_share(fit: &Fit) -> f64 {
     1.0 - f64::from(fit.accepted) / f64::from(fit.captures.max(1))
 }
@@ -82,11 +100,11 @@ fn is_excessive(fit: &Fit) -> bool {
 
 /// Looks for users whose captures are thrown out in numbers, or fit badly, and tries other starts for them with the clocks as
 /// they are. Says whether any user moved to a better point.
-pub(super) fn restart_bad_fits(
+pub(super) fn restart_bad_fits<const D: usize>(
     problem: &Problem,
     cfg: &LocalizeConfig,
     fits: &[Fit],
-    state: &mut State,
+    state: &mut State<D>,
 ) -> bool {
     let mut moved = false;
     for (u, fit) in fits.iter().enumerate() {
@@ -109,17 +127,26 @@ pub(super) fn restart_bad_fits(
     moved
 }
 
-/// Points around the centroid, and the centroid.
-pub(super) fn starts(user: &UserSpan, cfg: &LocalizeConfig) -> Vec<[f64; 2]> {
+/// The centroid and points around it, at the altitude assumed.
+pub(super) fn starts<const D: usize>(user: &UserSpan, cfg: &LocalizeConfig) -> Vec<[f64; D]> {
     let [x, y] = user.centroid_m;
     let [tx, ty] = user.track;
     let reach = 0.6 * cfg.expected_radius_m;
-    let mut starts = vec![[x, y]];
-    starts.extend((0..8).map(|k| {
+    let around = (0..8).map(|k| {
         let (sin, cos) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
         [x + reach * (cos * tx - sin * ty), y + reach * (cos * ty + sin * tx)]
-    }));
-    starts
+    });
+    std::iter::once([x, y]).chain(around).map(on_ground).collect()
+}
+
+/// A point at the altitude assumed.
+pub(super) fn on_ground<const D: usize>(p: [f64; 2]) -> [f64; D] {
+    std::array::from_fn(|axis| p.get(axis).copied().unwrap_or(0.0))
+}
+
+/// Horizontal distance of two points.
+pub(super) fn apart_m<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
+    (b[0] - a[0]).hypot(b[1] - a[1])
 }
 
 /// How far apart two points must be to contradict each other.
@@ -127,12 +154,17 @@ pub(super) fn distinct_m(r95_m: f64) -> f64 {
     (2.0 * r95_m).max(1.0)
 }
 
-/// Ends of the major axis of the 95 % ellipse around `p`.
-pub(super) fn ellipse_ends(p: [f64; 2], cov: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
-    let [major, _] = eigenvalues(cov);
-    let (sin, cos) = (0.5 * f64::atan2(2.0 * cov[0][1], cov[0][0] - cov[1][1])).sin_cos();
+/// Ends of the major axis of the horizontal 95 % ellipse around `p`, at the altitude likeliest there.
+pub(super) fn ellipse_ends<const D: usize>(p: [f64; D], cov: &Mat<D>) -> [[f64; D]; 2] {
+    let level = horizontal(cov);
+    let [major, _] = eigenvalues(level);
+    let (sin, cos) = (0.5 * f64::atan2(2.0 * level[0][1], level[0][0] - level[1][1])).sin_cos();
     let reach = (CHI2_95 * major).sqrt();
-    [reach, -reach].map(|reach| [p[0] + reach * cos, p[1] + reach * sin])
+    [reach, -reach].map(|reach| {
+        let away = [reach * cos, reach * sin];
+        let whitened = mul(&inverse(level), away);
+        std::array::from_fn(|axis| p[axis] + dot([cov[axis][0], cov[axis][1]], whitened))
+    })
 }
 
 /// Whether a rise of the cost at the end of a 95 % ellipse is what a Gaussian has there, half of `CHI2_95`. Beyond
@@ -142,20 +174,20 @@ pub(super) fn rise_is_parabolic(rise: f64) -> bool {
 }
 
 /// One user with the clocks held.
-struct OneUser<'a> {
+struct OneUser<'a, const D: usize> {
     problem: &'a Problem,
     cfg: &'a LocalizeConfig,
-    state: &'a State,
+    state: &'a State<D>,
     user: &'a UserSpan,
 }
 
-impl<'a> OneUser<'a> {
-    fn new(problem: &'a Problem, cfg: &'a LocalizeConfig, state: &'a State, u: usize) -> Self {
+impl<'a, const D: usize> OneUser<'a, D> {
+    fn new(problem: &'a Problem, cfg: &'a LocalizeConfig, state: &'a State<D>, u: usize) -> Self {
         Self { problem, cfg, state, user: &problem.users[u] }
     }
 
     /// Normal equations at `p`, from every `stride`-th occasion.
-    fn linearise(&self, p: [f64; 2], loss: &Loss, stride: usize) -> UserBlock {
+    fn linearise(&self, p: [f64; D], loss: &Loss, stride: usize) -> UserBlock<D> {
         let mut block = UserBlock::new(self.user, p, position_prior(self.cfg));
         for heard in self.problem.heard[self.user.span.clone()].iter().step_by(stride) {
             let (interval, fraction) = self.state.grid.locate(heard.time_s);
@@ -165,22 +197,21 @@ impl<'a> OneUser<'a> {
         block
     }
 
-    fn cost(&self, p: [f64; 2]) -> f64 {
+    fn cost(&self, p: [f64; D]) -> f64 {
         self.linearise(p, &Loss::new(self.cfg.robust, 1.0), 1).fit.cost
     }
 
     /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion.
-    fn descend(&self, start: [f64; 2], stride: usize) -> [f64; 2] {
+    fn descend(&self, start: [f64; D], stride: usize) -> [f64; D] {
         let mut p = start;
         for (scale, steps) in [(16.0, 2), (4.0, 2), (1.0, 10)] {
             let loss = Loss::new(self.cfg.robust, scale);
             let mut here = self.linearise(p, &loss, stride);
             let mut damping = 0.0;
             for _ in 0..steps {
-                let [xx, xy, yy] = here.info;
-                let d = sym_mul(sym_inverse([xx * (1.0 + damping), xy, yy * (1.0 + damping)]), here.gradient);
-                let shorten = (0.5 * self.cfg.expected_radius_m / d[0].hypot(d[1])).min(1.0);
-                let trial = [p[0] + shorten * d[0], p[1] + shorten * d[1]];
+                let mut damped = here.info;
+                (0..D).for_each(|axis| damped[axis][axis] *= 1.0 + damping);
+                let trial = stepped(p, mul(&inverse(damped), here.gradient), self.cfg);
                 let there = self.linearise(trial, &loss, stride);
                 let gained = here.fit.cost - there.fit.cost;
                 if gained < 0.0 {
@@ -198,12 +229,14 @@ impl<'a> OneUser<'a> {
     }
 
     /// Whether the point mirrored at the drones' track leads to another minimum that is about as good.
-    fn has_rival(&self, p: [f64; 2], r95_m: f64) -> bool {
+    fn has_rival(&self, p: [f64; D], r95_m: f64) -> bool {
         let [tx, ty] = self.user.track;
         let [cx, cy] = self.user.centroid_m;
         let across = (p[0] - cx) * -ty + (p[1] - cy) * tx;
-        let mirrored = [p[0] + 2.0 * across * ty, p[1] - 2.0 * across * tx];
-        let far = |q: [f64; 2]| (q[0] - p[0]).hypot(q[1] - p[1]) > distinct_m(r95_m);
+        let mut mirrored = p;
+        mirrored[0] += 2.0 * across * ty;
+        mirrored[1] -= 2.0 * across * tx;
+        let far = |q: [f64; D]| apart_m(p, q) > distinct_m(r95_m);
         if !far(mirrored) {
             return false;
         }
@@ -216,8 +249,14 @@ impl<'a> OneUser<'a> {
     }
 
     /// Whether the cost rises at both ends of the ellipse as its covariance claims.
-    fn profile_is_parabola(&self, p: [f64; 2], [xx, xy, yy]: Sym2) -> bool {
+    fn profile_is_parabola(&self, p: [f64; D], cov: &Mat<D>) -> bool {
         let cost = self.cost(p);
-        ellipse_ends(p, [[xx, xy], [xy, yy]]).into_iter().all(|end| rise_is_parabolic(self.cost(end) - cost))
+        ellipse_ends(p, cov).into_iter().all(|end| rise_is_parabolic(self.cost(end) - cost))
     }
+}
+
+/// A step, no longer than half the radius that users are expected in.
+pub(super) fn stepped<const D: usize>(p: [f64; D], d: [f64; D], cfg: &LocalizeConfig) -> [f64; D] {
+    let shorten = (0.5 * cfg.expected_radius_m / dot(d, d).sqrt()).min(1.0);
+    std::array::from_fn(|axis| p[axis] + shorten * d[axis])
 }

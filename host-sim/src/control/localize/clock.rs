@@ -235,7 +235,11 @@ impl Clocks {
 /// cancels within a pass, left and right over users. Medians in time bins and the median of the slopes between
 /// bins (Theil 1950, Sen 1968) are not moved by late captures. A drone that never heard together with the
 /// reference is tied to one that did.
-pub(super) fn first_lines(problem: &Problem, cfg: &LocalizeConfig, pos_m: &[[f64; 2]]) -> Vec<(f64, f64)> {
+pub(super) fn first_lines<const D: usize>(
+    problem: &Problem,
+    cfg: &LocalizeConfig,
+    pos_m: &[[f64; D]],
+) -> Vec<(f64, f64)> {
     let n = problem.drones.len();
     let mut lines = vec![(0.0, 0.0); n];
     if cfg.clock == ClockModel::Synchronised {
@@ -249,7 +253,7 @@ pub(super) fn first_lines(problem: &Problem, cfg: &LocalizeConfig, pos_m: &[[f64
         for heard in problem.heard[user.span.clone()].iter().step_by(stride) {
             let residual: [f64; MAX_CAPTURES] = std::array::from_fn(|i| {
                 let (dx, dy) = (p[0] - heard.east_m[i], p[1] - heard.north_m[i]);
-                heard.toa_ns[i] - (dx * dx + dy * dy + heard.height2_m2[i]).sqrt() / C_M_PER_NS
+                heard.toa_ns[i] - (dx * dx + dy * dy + heard.up_m[i].powi(2)).sqrt() / C_M_PER_NS
             });
             for b in 1..usize::from(heard.count) {
                 for a in 0..b {

@@ -5,7 +5,8 @@
 //! moves a fix by 3 to 6 m, so the clocks of a fleet are unknowns of the same least-squares problem as all of its
 //! users: `toa = emission + |p - d| / c + clock + noise`, Taylor-series positioning (Foy 1976, Torrieri 1984) with
 //! - an unknown emission time per occasion, projected out (`robust`);
-//! - two unknowns per user, eliminated by a Schur complement (`normal`);
+//! - two unknowns per user, or three where the altitude of the ground is uncertain, eliminated by a Schur
+//!   complement (`normal`);
 //! - offset, drift and random walk per drone on knots in time (`clock`), solved by a skyline Cholesky
 //!   factorisation (`cholesky`);
 //! - Tukey weights against late captures, tightened step by step from a start that needs no clocks (`solve`);
@@ -20,6 +21,7 @@ mod bound;
 mod check;
 mod cholesky;
 mod clock;
+mod excess;
 mod model;
 mod normal;
 mod problem;
@@ -27,9 +29,11 @@ mod r95;
 mod robust;
 #[cfg(test)]
 mod sim;
+mod small;
 mod solve;
 #[cfg(test)]
 mod tests;
+mod undeclared;
 
 use std::collections::BTreeMap;
 
@@ -72,14 +76,13 @@ fn combine(a: &UserFix, b: &UserFix, cfg: &LocalizeConfig) -> UserFix {
     let mut joint = match (a.status, b.status) {
         (FixStatus::Ok, FixStatus::Ok) => {
             let e = [b.pos_m[0] - a.pos_m[0], b.pos_m[1] - a.pos_m[1]];
-            let sum = |i: usize, j: usize| a.cov_m2[i][j] + b.cov_m2[i][j];
-            let whitened = normal::sym_mul(normal::sym_inverse([sum(0, 0), sum(0, 1), sum(1, 1)]), e);
-            let distance = e[0] * whitened[0] + e[1] * whitened[1];
+            let sum: small::Mat<2> =
+                std::array::from_fn(|i| std::array::from_fn(|j| a.cov_m2[i][j] + b.cov_m2[i][j]));
+            let whitened = small::mul(&small::inverse(sum), e);
+            let distance = small::dot(e, whitened);
             let cov_m2 = bound::parallel(a.cov_m2, b.cov_m2);
             // p = a + A (A + B)^-1 (b - a)
-            let pos_m = std::array::from_fn(|i| {
-                a.pos_m[i] + a.cov_m2[i][0] * whitened[0] + a.cov_m2[i][1] * whitened[1]
-            });
+            let pos_m = std::array::from_fn(|i| a.pos_m[i] + small::dot(a.cov_m2[i], whitened));
             let r95_m = r95(cov_m2);
             let status = if distance > CONTRADICTION { FixStatus::Inconsistent } else { FixStatus::Ok };
             debug_assert!(r95_m <= cfg.max_r95_m * (1.0 + 1e-9));

@@ -73,10 +73,15 @@ pub struct LocalizeConfig {
     pub sigma_toa_ns: f64,
     /// What is unknown about the clocks.
     pub clock: ClockModel,
-    /// Height of all users above the frame's origin.
+    /// Altitude of all users above the frame's origin, as far as the terrain is known.
     pub user_altitude_m: f64,
-    /// Standard deviation of a drone's position along the line of sight.
+    /// Standard deviation of a user's altitude about that; above 0 every user's altitude is estimated too.
+    pub user_altitude_sigma_m: f64,
+    /// Standard deviation of a drone's position along the line of sight, independent from capture to capture.
     pub drone_pos_sigma_m: f64,
+    /// Standard deviation of each coordinate of a drone's position that stays the same for a whole pass, as that
+    /// of a standalone GNSS receiver does: no number of captures averages it out.
+    pub drone_bias_sigma_m: f64,
     /// Treatment of late captures.
     pub robust: Robust,
     /// A user lies about this close to the drones that heard it: start, weak prior and step limit.
@@ -95,10 +100,12 @@ impl Default for LocalizeConfig {
                 walk_ns_per_sqrt_s: 0.1,
             },
             user_altitude_m: 0.0,
+            user_altitude_sigma_m: 0.0,
             drone_pos_sigma_m: 0.02,
+            drone_bias_sigma_m: 0.0,
             robust: Robust::Tukey { c: 6.0 },
             expected_radius_m: 471.0,
-            max_r95_m: 100.0,
+            max_r95_m: 300.0,
         }
     }
 }
@@ -151,12 +158,13 @@ impl LocalizeConfig {
         }
         let altitude = self.user_altitude_m;
         require(altitude.abs() <= 1e8, "user_altitude_m", altitude, ALTITUDE)?;
-        require(
-            (0.0..=1e6).contains(&self.drone_pos_sigma_m),
-            "drone_pos_sigma_m",
-            self.drone_pos_sigma_m,
-            "a number from 0 to 1e6",
-        )?;
+        for (field, sigma_m) in [
+            ("user_altitude_sigma_m", self.user_altitude_sigma_m),
+            ("drone_pos_sigma_m", self.drone_pos_sigma_m),
+            ("drone_bias_sigma_m", self.drone_bias_sigma_m),
+        ] {
+            require((0.0..=1e6).contains(&sigma_m), field, sigma_m, "a number from 0 to 1e6")?;
+        }
         if let Robust::Tukey { c } = self.robust {
             positive("c", c)?;
         }
@@ -191,6 +199,10 @@ pub struct UserFix {
     pub cov_m2: [[f64; 2]; 2],
     /// Radius of the circle around `pos_m` that holds 95 % of that Gaussian.
     pub r95_m: f64,
+    /// Altitude above the frame's origin: the one assumed, or where that is uncertain, the estimate.
+    pub altitude_m: f64,
+    /// Its standard deviation; 0 where the altitude was taken as known.
+    pub altitude_sigma_m: f64,
     /// What it is worth.
     pub status: FixStatus,
     /// Occasions with two or more captures.

@@ -1,4 +1,4 @@
-//! Normal equations of a group: users as 2x2 blocks, clocks by Schur complement, marginal covariances.
+//! Normal equations of a group: users as small blocks, clocks by Schur complement, marginal covariances.
 //!
 //! With user block `A`, coupling `E` and clock block `H` the system is
 //!
@@ -16,13 +16,24 @@ use super::clock::Grid;
 use super::model::MAX_CAPTURES;
 use super::problem::{Heard, Problem, UserSpan};
 use super::robust::{Loss, Row, linearise};
+use super::small::{Mat, dot, inverse, mul};
 use super::solve::State;
 
-/// A weak prior keeps every user's block definite: it lies within about this distance of its centroid.
+/// What is known of every user beforehand: it lies about where the drones were when they heard it, which keeps its
+/// block definite, and about as high as assumed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PositionPrior {
-    /// Inverse variance, 1/m^2.
-    pub(super) info: f64,
+    /// Inverse variance of east and of north about the centroid, 1/m^2.
+    pub(super) horizontal_info: f64,
+    /// Inverse variance of the altitude about the one assumed, 1/m^2; read where it is unknown.
+    pub(super) up_info: f64,
+}
+
+impl PositionPrior {
+    /// Inverse variance of a coordinate: east, north, up.
+    fn info(self, axis: usize) -> f64 {
+        if axis < 2 { self.horizontal_info } else { self.up_info }
+    }
 }
 
 /// How well one user's captures fit.
@@ -40,65 +51,57 @@ pub(super) struct Fit {
     pub(super) tdoas: u32,
 }
 
-/// A 2x2 symmetric matrix as (xx, xy, yy).
-pub(super) type Sym2 = [f64; 3];
-
-pub(super) fn sym_inverse([xx, xy, yy]: Sym2) -> Sym2 {
-    let det = xx * yy - xy * xy;
-    [yy / det, -xy / det, xx / det]
-}
-
-pub(super) fn sym_mul([xx, xy, yy]: Sym2, [x, y]: [f64; 2]) -> [f64; 2] {
-    [xx * x + xy * y, xy * x + yy * y]
-}
-
 /// Normal equations of one user alone.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct UserBlock {
-    pub(super) info: Sym2,
+pub(super) struct UserBlock<const D: usize> {
+    pub(super) info: Mat<D>,
     /// Downhill.
-    pub(super) gradient: [f64; 2],
+    pub(super) gradient: [f64; D],
     pub(super) fit: Fit,
 }
 
-impl UserBlock {
+impl<const D: usize> UserBlock<D> {
     /// Only the prior, at `p`.
-    pub(super) fn new(user: &UserSpan, p: [f64; 2], prior: PositionPrior) -> Self {
-        let d = [p[0] - user.centroid_m[0], p[1] - user.centroid_m[1]];
-        let cost = 0.5 * prior.info * (d[0] * d[0] + d[1] * d[1]);
-        Self {
-            info: [prior.info, 0.0, prior.info],
-            gradient: d.map(|d| -prior.info * d),
-            fit: Fit { cost, ..Fit::default() },
+    pub(super) fn new(user: &UserSpan, p: [f64; D], prior: PositionPrior) -> Self {
+        let mut block = Self { info: [[0.0; D]; D], gradient: [0.0; D], fit: Fit::default() };
+        for (axis, p) in p.iter().enumerate() {
+            let d = p - user.centroid_m.get(axis).copied().unwrap_or(0.0);
+            let info = prior.info(axis);
+            block.info[axis][axis] = info;
+            block.gradient[axis] = -info * d;
+            block.fit.cost += 0.5 * info * d * d;
         }
+        block
     }
 
     /// Adds one occasion. Returns its slopes with the emission time projected out: `u_i - sum w u / sum w`.
     #[inline]
-    pub(super) fn add(&mut self, heard: &Heard, row: &Row) -> [[f64; 2]; MAX_CAPTURES] {
+    pub(super) fn add(&mut self, heard: &Heard, row: &Row<D>) -> [[f64; D]; MAX_CAPTURES] {
         self.fit.cost += row.cost;
         self.fit.captures += u32::from(heard.count);
         if row.total <= 0.0 {
-            return [[0.0; 2]; MAX_CAPTURES];
+            return [[0.0; D]; MAX_CAPTURES];
         }
         let accepted = row.weight.iter().map(|w| u32::from(*w > 0.0)).sum::<u32>();
         if accepted >= 2 {
             self.fit.accepted += accepted;
             self.fit.tdoas += accepted - 1;
         }
-        let mean: [f64; 2] = std::array::from_fn(|axis| {
+        let mean: [f64; D] = std::array::from_fn(|axis| {
             (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
         });
-        let slope = row.slope.map(|[x, y]| [x - mean[0], y - mean[1]]);
-        for (i, [x, y]) in slope.iter().enumerate() {
+        let slope = row.slope.map(|u| -> [f64; D] { std::array::from_fn(|axis| u[axis] - mean[axis]) });
+        for (i, u) in slope.iter().enumerate() {
             let w = row.weight[i];
             let wd = w * row.deviation_ns[i];
             self.fit.chi2 += wd * row.deviation_ns[i];
-            self.gradient[0] += wd * x;
-            self.gradient[1] += wd * y;
-            self.info[0] += w * x * x;
-            self.info[1] += w * x * y;
-            self.info[2] += w * y * y;
+            for a in 0..D {
+                self.gradient[a] += wd * u[a];
+                for b in 0..=a {
+                    self.info[a][b] += w * u[a] * u[b];
+                    self.info[b][a] = self.info[a][b];
+                }
+            }
         }
         slope
     }
@@ -106,15 +109,15 @@ impl UserBlock {
 
 /// The normal equations at one state.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Normal {
+pub(super) struct Normal<const D: usize> {
     /// Per user: information, gradient (downhill), fit.
-    info: Vec<Sym2>,
-    gradient: Vec<[f64; 2]>,
+    info: Vec<Mat<D>>,
+    gradient: Vec<[f64; D]>,
     pub(super) fits: Vec<Fit>,
     /// Knots that a user's occasions touch, ascending, all users in a row; `touched_by` has the ranges.
     touched: Vec<u32>,
     touched_by: Vec<Range<usize>>,
-    /// `E`: per touched knot the east row, then the north row, one entry per clock each.
+    /// `E`: per touched knot a row of each coordinate, one entry per clock each.
     coupling: Vec<f64>,
     /// `H` without priors: per interval the blocks (k, k), (k+1, k), (k+1, k+1).
     clock_info: Vec<f64>,
@@ -125,19 +128,19 @@ pub(super) struct Normal {
 
 /// A step of all unknowns.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Step {
-    pub(super) users_m: Vec<[f64; 2]>,
+pub(super) struct Step<const D: usize> {
+    pub(super) users_m: Vec<[f64; D]>,
     pub(super) clocks: Vec<f64>,
     /// By how much the linearised cost falls.
     pub(super) predicted: f64,
 }
 
-impl Normal {
+impl<const D: usize> Normal<D> {
     /// Linearises every `thin(user)`-th occasion of every user at `state`.
     pub(super) fn evaluate(
         &mut self,
         problem: &Problem,
-        state: &State,
+        state: &State<D>,
         loss: &Loss,
         prior: PositionPrior,
         thin: impl Fn(&UserSpan) -> usize,
@@ -184,18 +187,18 @@ impl Normal {
     fn add_clocks(
         &mut self,
         heard: &Heard,
-        row: &Row,
-        slope: &[[f64; 2]; MAX_CAPTURES],
+        row: &Row<D>,
+        slope: &[[f64; D]; MAX_CAPTURES],
         interval: usize,
         fraction: f64,
         m: usize,
     ) {
         let share = [1.0 - fraction, fraction];
-        let coupling_start = self.coupling.len() - 4 * m;
+        let coupling_start = self.coupling.len() - 2 * D * m;
         let coupling = &mut self.coupling[coupling_start..];
         let gradient = &mut self.clock_gradient[interval * m..(interval + 2) * m];
         let info = &mut self.clock_info[interval * 3 * m * m..(interval + 1) * 3 * m * m];
-        for (i, [x, y]) in slope.iter().enumerate() {
+        for (i, u) in slope.iter().enumerate() {
             let slot = usize::from(heard.slot[i]);
             if slot == 0 {
                 continue; // the reference clock, or no capture
@@ -203,8 +206,9 @@ impl Normal {
             let w = row.weight[i];
             for side in 0..2 {
                 let shared = share[side] * w;
-                coupling[2 * m * side + slot - 1] += shared * x;
-                coupling[2 * m * side + m + slot - 1] += shared * y;
+                for (axis, u) in u.iter().enumerate() {
+                    coupling[(D * side + axis) * m + slot - 1] += shared * u;
+                }
                 gradient[m * side + slot - 1] += shared * row.deviation_ns[i];
             }
             for j in 0..MAX_CAPTURES {
@@ -229,17 +233,17 @@ impl Normal {
         for knot in [interval, interval + 1] {
             if known.is_none_or(|last| knot > last) {
                 self.touched.push(knot as u32);
-                self.coupling.resize(self.coupling.len() + 2 * m, 0.0);
+                self.coupling.resize(self.coupling.len() + D * m, 0.0);
             }
         }
     }
 
     /// Holds user `u` where it is: it neither moves nor makes room for the clocks to move.
     pub(super) fn pin(&mut self, u: usize, grid: &Grid) {
-        let stride = 2 * grid.clocks();
+        let stride = D * grid.clocks();
         let range = self.touched_by[u].clone();
         self.coupling[range.start * stride..range.end * stride].fill(0.0);
-        self.gradient[u] = [0.0; 2];
+        self.gradient[u] = [0.0; D];
     }
 
     /// An empty clock matrix with the envelope that these users need. Knots stay in time order: users seen in two
@@ -259,7 +263,7 @@ impl Normal {
 
     /// Eliminates the users, with the diagonal of their blocks raised by the fraction `damping`, and factors the
     /// clocks' matrix. `None` where it is not positive definite.
-    pub(super) fn eliminate(&self, state: &State, damping: f64, mut s: Skyline) -> Option<Eliminated> {
+    pub(super) fn eliminate(&self, state: &State<D>, damping: f64, mut s: Skyline) -> Option<Eliminated<D>> {
         let (grid, m) = (&state.grid, state.grid.clocks());
         s.clear();
         for (k, blocks) in self.clock_info.chunks_exact(3 * m * m).enumerate() {
@@ -276,50 +280,54 @@ impl Normal {
         }
         let mut ignored = vec![0.0; grid.unknowns()];
         grid.add_prior(&state.clocks, &mut ignored, Some(&mut s));
-        let inverse: Vec<Sym2> = (self.info.iter())
-            .map(|&[xx, xy, yy]| sym_inverse([xx * (1.0 + damping), xy, yy * (1.0 + damping)]))
+        let inverses: Vec<Mat<D>> = (self.info.iter())
+            .map(|info| {
+                let mut damped = *info;
+                (0..D).for_each(|axis| damped[axis][axis] *= 1.0 + damping);
+                inverse(damped)
+            })
             .collect();
         // F = A^-1 E, in the layout of E.
         let mut gain = self.coupling.clone();
         let mut column: Vec<usize> = Vec::new();
-        let (mut e_rows, mut f_rows) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
-        for (range, a) in self.touched_by.iter().zip(&inverse) {
+        let mut e_rows: [Vec<f64>; D] = std::array::from_fn(|_| Vec::new());
+        let mut f_rows = e_rows.clone();
+        for (range, a) in self.touched_by.iter().zip(&inverses) {
             column.clear();
             e_rows.iter_mut().chain(&mut f_rows).for_each(Vec::clear);
             for at in range.clone() {
-                let block = &mut gain[at * 2 * m..(at + 1) * 2 * m];
+                let block = &mut gain[at * D * m..(at + 1) * D * m];
                 for j in 0..m {
-                    let e = [block[j], block[m + j]];
-                    let f = sym_mul(*a, e);
-                    [block[j], block[m + j]] = f;
+                    let e: [f64; D] = std::array::from_fn(|axis| block[axis * m + j]);
+                    let f = mul(a, e);
                     column.push(self.touched[at] as usize * m + j);
-                    for axis in 0..2 {
+                    for axis in 0..D {
+                        block[axis * m + j] = f[axis];
                         e_rows[axis].push(e[axis]);
                         f_rows[axis].push(f[axis]);
                     }
                 }
             }
             for (i, &row) in column.iter().enumerate() {
-                let [ex, ey] = [e_rows[0][i], e_rows[1][i]];
+                let e: [f64; D] = std::array::from_fn(|axis| e_rows[axis][i]);
                 let line = s.row_mut(row, column[0], row + 1);
                 for (j, &col) in column[..=i].iter().enumerate() {
-                    line[col - column[0]] -= ex * f_rows[0][j] + ey * f_rows[1][j];
+                    line[col - column[0]] -= dot(e, std::array::from_fn(|axis| f_rows[axis][j]));
                 }
             }
         }
-        s.factor().then_some(Eliminated { factor: s, inverse, gain })
+        s.factor().then_some(Eliminated { factor: s, inverses, gain })
     }
 
     /// The Gauss-Newton (damped: Levenberg-Marquardt) step.
-    pub(super) fn step(&self, grid: &Grid, damping: f64, eliminated: &Eliminated) -> Step {
+    pub(super) fn step(&self, grid: &Grid, damping: f64, eliminated: &Eliminated<D>) -> Step<D> {
         let m = grid.clocks();
         let mut clocks = self.clock_gradient.clone();
         for (range, g) in self.touched_by.iter().zip(&self.gradient) {
             for at in range.clone() {
-                let f = &eliminated.gain[at * 2 * m..(at + 1) * 2 * m];
                 let knot = self.touched[at] as usize;
                 for j in 0..m {
-                    clocks[knot * m + j] -= f[j] * g[0] + f[m + j] * g[1];
+                    clocks[knot * m + j] -= dot(eliminated.gain(at, j, m), *g);
                 }
             }
         }
@@ -327,57 +335,56 @@ impl Normal {
         let mut predicted: f64 = clocks.iter().zip(&self.clock_gradient).map(|(d, g)| 0.5 * d * g).sum();
         let mut users_m = Vec::with_capacity(self.info.len());
         for (u, range) in self.touched_by.iter().enumerate() {
-            let mut d = sym_mul(eliminated.inverse[u], self.gradient[u]);
+            let mut d = mul(&eliminated.inverses[u], self.gradient[u]);
             for at in range.clone() {
-                let f = &eliminated.gain[at * 2 * m..(at + 1) * 2 * m];
                 let knot = self.touched[at] as usize;
                 for j in 0..m {
-                    d[0] -= f[j] * clocks[knot * m + j];
-                    d[1] -= f[m + j] * clocks[knot * m + j];
+                    let f = eliminated.gain(at, j, m);
+                    (0..D).for_each(|axis| d[axis] -= f[axis] * clocks[knot * m + j]);
                 }
             }
-            let [xx, _, yy] = self.info[u];
-            predicted += 0.5 * (d[0] * self.gradient[u][0] + d[1] * self.gradient[u][1]);
-            predicted += 0.5 * damping * (xx * d[0] * d[0] + yy * d[1] * d[1]);
+            predicted += 0.5 * dot(d, self.gradient[u]);
+            for (axis, d) in d.iter().enumerate() {
+                predicted += 0.5 * damping * self.info[u][axis][axis] * d * d;
+            }
             users_m.push(d);
         }
         Step { users_m, clocks, predicted }
     }
 
     /// Marginal covariance of every user: `A^-1 + F S^-1 F'`.
-    pub(super) fn covariances(&self, grid: &Grid, eliminated: &Eliminated) -> Vec<[[f64; 2]; 2]> {
+    pub(super) fn covariances(&self, grid: &Grid, eliminated: &Eliminated<D>) -> Vec<Mat<D>> {
         let m = grid.clocks();
         let z = eliminated.factor.inverse_in_envelope();
         let mut column: Vec<usize> = Vec::new();
-        let mut f_rows = [Vec::new(), Vec::new()];
-        (self.touched_by.iter().zip(&eliminated.inverse))
-            .map(|(range, &[mut xx, mut xy, mut yy])| {
+        let mut f_rows: Vec<[f64; D]> = Vec::new();
+        (self.touched_by.iter().zip(&eliminated.inverses))
+            .map(|(range, known_clocks)| {
+                let mut cov = *known_clocks;
                 column.clear();
-                f_rows.iter_mut().for_each(Vec::clear);
+                f_rows.clear();
                 for at in range.clone() {
-                    let f = &eliminated.gain[at * 2 * m..(at + 1) * 2 * m];
                     for j in 0..m {
                         column.push(self.touched[at] as usize * m + j);
-                        f_rows[0].push(f[j]);
-                        f_rows[1].push(f[m + j]);
+                        f_rows.push(eliminated.gain(at, j, m));
                     }
                 }
                 for (i, &row) in column.iter().enumerate() {
                     let line = z.row(row, column[0], row + 1);
                     // Z F' by its lower triangle: off-diagonal entries count for both sides.
-                    let (mut zx, mut zy) = (0.0, 0.0);
-                    for (j, &col) in column[..i].iter().enumerate() {
+                    let mut zf = [0.0; D];
+                    for (f, &col) in f_rows[..i].iter().zip(&column) {
                         let value = line[col - column[0]];
-                        zx += value * f_rows[0][j];
-                        zy += value * f_rows[1][j];
+                        (0..D).for_each(|axis| zf[axis] += value * f[axis]);
                     }
-                    let diagonal = line[row - column[0]];
-                    let [fx, fy] = [f_rows[0][i], f_rows[1][i]];
-                    xx += fx * (2.0 * zx + diagonal * fx);
-                    xy += fx * zy + fy * zx + diagonal * fx * fy;
-                    yy += fy * (2.0 * zy + diagonal * fy);
+                    let (diagonal, f) = (line[row - column[0]], f_rows[i]);
+                    for a in 0..D {
+                        for b in 0..D {
+                            cov[a][b] += f[a] * zf[b] + f[b] * zf[a] + diagonal * f[a] * f[b];
+                        }
+                    }
                 }
-                [[xx, xy], [xy, yy]]
+                cov
             })
             .collect()
     }
@@ -385,17 +392,24 @@ impl Normal {
 
 /// Users eliminated, clocks factored.
 #[derive(Clone, Debug)]
-pub(super) struct Eliminated {
+pub(super) struct Eliminated<const D: usize> {
     factor: Skyline,
     /// `A^-1` per user: the covariance if the clocks were known.
-    pub(super) inverse: Vec<Sym2>,
+    pub(super) inverses: Vec<Mat<D>>,
     /// `A^-1 E`, in the layout of `E`.
     gain: Vec<f64>,
 }
 
-impl Eliminated {
+impl<const D: usize> Eliminated<D> {
     /// The matrix back, to be filled anew.
     pub(super) fn into_matrix(self) -> Skyline {
         self.factor
+    }
+
+    /// Column of `A^-1 E` of clock `j` of `m` at a touched knot.
+    #[inline]
+    fn gain(&self, at: usize, j: usize, m: usize) -> [f64; D] {
+        let block = &self.gain[at * D * m..(at + 1) * D * m];
+        std::array::from_fn(|axis| block[axis * m + j])
     }
 }

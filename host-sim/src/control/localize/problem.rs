@@ -23,8 +23,8 @@ pub(super) struct Heard {
     pub(super) slot: [u8; MAX_CAPTURES],
     pub(super) east_m: [f64; MAX_CAPTURES],
     pub(super) north_m: [f64; MAX_CAPTURES],
-    /// Square of the height above the user.
-    pub(super) height2_m2: [f64; MAX_CAPTURES],
+    /// Height above the altitude assumed for the user.
+    pub(super) up_m: [f64; MAX_CAPTURES],
     /// Relative to the occasion's first capture.
     pub(super) toa_ns: [f64; MAX_CAPTURES],
     /// Inverse variance, 1/ns^2.
@@ -42,6 +42,13 @@ pub(super) struct UserSpan {
     /// Direction of the drones' flight past it: principal axis of their positions, a unit vector.
     pub(super) track: [f64; 2],
     pub(super) last_heard_s: f64,
+}
+
+impl UserSpan {
+    /// A user of no problem, heard about there.
+    pub(super) fn at(centroid_m: [f64; 2]) -> Self {
+        Self { user: UserId(0), span: 0..0, centroid_m, track: [1.0, 0.0], last_heard_s: 0.0 }
+    }
 }
 
 /// All that one clock group heard.
@@ -189,7 +196,7 @@ fn build(
 }
 
 /// Reads one occasion, captures sorted by drone.
-fn hear(
+pub(super) fn hear(
     occasion: &Occasion,
     drones: &[DroneId],
     cfg: &LocalizeConfig,
@@ -202,7 +209,7 @@ fn hear(
         slot: [0; MAX_CAPTURES],
         east_m: [0.0; MAX_CAPTURES],
         north_m: [0.0; MAX_CAPTURES],
-        height2_m2: [1.0; MAX_CAPTURES],
+        up_m: [1.0; MAX_CAPTURES],
         toa_ns: [0.0; MAX_CAPTURES],
         info: [0.0; MAX_CAPTURES],
     };
@@ -240,7 +247,7 @@ fn hear(
         heard.slot[n] = slot as u8;
         heard.east_m[n] = east_m;
         heard.north_m[n] = north_m;
-        heard.height2_m2[n] = (up_m - cfg.user_altitude_m).powi(2);
+        heard.up_m[n] = up_m - cfg.user_altitude_m;
         heard.toa_ns[n] = capture.toa_ns - first_toa_ns;
         heard.info[n] = 1.0 / (sigma_ns.powi(2) + drone_sigma_ns.powi(2));
         heard.count += 1;

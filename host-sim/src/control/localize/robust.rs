@@ -2,6 +2,7 @@
 
 use super::model::{C_M_PER_NS, MAX_CAPTURES, Robust};
 use super::problem::Heard;
+use super::small::dot;
 
 /// How residuals turn into cost and weight.
 #[derive(Clone, Copy, Debug)]
@@ -50,36 +51,43 @@ impl Loss {
 
 /// One occasion at one position.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
+pub(super) struct Row<const D: usize> {
     /// Weight of every capture, 1/ns^2.
     pub(super) weight: [f64; MAX_CAPTURES],
     /// Their sum; 0 where the occasion says nothing.
     pub(super) total: f64,
     /// Residual after subtraction of the emission time, in nanoseconds.
     pub(super) deviation_ns: [f64; MAX_CAPTURES],
-    /// Derivatives of the delay by east and north, ns/m.
-    pub(super) slope: [[f64; 2]; MAX_CAPTURES],
+    /// Derivatives of the delay by the user's coordinates, ns/m.
+    pub(super) slope: [[f64; D]; MAX_CAPTURES],
     /// Robust cost, in half squared standard deviations.
     pub(super) cost: f64,
 }
 
 /// Linearises `toa = emission + |p - d| / c + clock + noise` (paper section 2; Foy 1976, Torrieri 1984) at
-/// `pos_m`, with the emission time estimated from the occasion itself.
+/// `pos_m` (east, north and, with three unknowns, up from the altitude assumed), with the emission time estimated
+/// from the occasion itself.
 ///
 /// Eliminating the emission time t turns the weights W into `W - W 1 1' W / (1' W 1)`, which is what the
 /// covariance of differences against a common reference amounts to, without choosing a reference. t starts at
 /// the median, which one late capture of three cannot move, and is refined by two reweightings.
 #[inline]
-pub(super) fn linearise(heard: &Heard, pos_m: [f64; 2], clock_ns: [f64; MAX_CAPTURES], loss: &Loss) -> Row {
+pub(super) fn linearise<const D: usize>(
+    heard: &Heard,
+    pos_m: [f64; D],
+    clock_ns: [f64; MAX_CAPTURES],
+    loss: &Loss,
+) -> Row<D> {
     let mut residual = [0.0; MAX_CAPTURES];
-    let mut slope = [[0.0; 2]; MAX_CAPTURES];
+    let mut slope = [[0.0; D]; MAX_CAPTURES];
+    let up_m = if D == 3 { pos_m[2] } else { 0.0 };
     for i in 0..MAX_CAPTURES {
-        let (dx, dy) = (pos_m[0] - heard.east_m[i], pos_m[1] - heard.north_m[i]);
+        let way_m = [pos_m[0] - heard.east_m[i], pos_m[1] - heard.north_m[i], up_m - heard.up_m[i]];
         // A millimetre floor keeps the direction finite for a user at a drone.
-        let distance_m = (dx * dx + dy * dy + heard.height2_m2[i]).sqrt().max(1e-3);
+        let distance_m = dot(way_m, way_m).sqrt().max(1e-3);
         residual[i] = heard.toa_ns[i] - distance_m * (1.0 / C_M_PER_NS) - clock_ns[i];
         let per_metre = 1.0 / (distance_m * C_M_PER_NS);
-        slope[i] = [dx * per_metre, dy * per_metre];
+        slope[i] = std::array::from_fn(|k| way_m[k] * per_metre);
     }
     let [a, b, c] = residual;
     let mut emission_ns = if heard.count == 3 { a.min(b).max(a.max(b).min(c)) } else { 0.5 * (a + b) };
@@ -117,7 +125,7 @@ mod tests {
             slot: [0, 1, 2],
             east_m: [0.0; 3],
             north_m: [0.0; 3],
-            height2_m2: [9e4; 3],
+            up_m: [300.0; 3],
             toa_ns,
             info: if count == 3 { [0.04; 3] } else { [0.04, 0.04, 0.0] },
         }

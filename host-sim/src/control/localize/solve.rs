@@ -1,12 +1,15 @@
 //! One clock group from captures to positions: start, graduated robust iterations, second starts, verdicts.
 
-use super::check;
+use super::check::{self, on_ground};
 use super::clock::{Clocks, Grid, Resolution, first_lines};
+use super::excess;
 use super::model::{ClockFix, FixStatus, LocalizeConfig, UserFix};
 use super::normal::{Eliminated, Fit, Normal, PositionPrior};
 use super::problem::{Problem, UserSpan};
 use super::r95::r95;
 use super::robust::Loss;
+use super::small::{Mat, horizontal};
+use super::undeclared;
 
 /// The noise is first taken this many times larger than it is, then less and less (graduated non-convexity,
 /// Blake & Zisserman 1987): the start is off by some 100 ns, and a capture that far off must not be thrown out.
@@ -37,10 +40,18 @@ pub(super) struct GroupAnswer {
 
 /// All unknowns of a group, and the knots that its clocks live on.
 #[derive(Clone, Debug)]
-pub(super) struct State {
+pub(super) struct State<const D: usize> {
     pub(super) grid: Grid,
     pub(super) clocks: Clocks,
-    pub(super) pos_m: Vec<[f64; 2]>,
+    /// East, north and, where it is unknown, up from the altitude assumed.
+    pub(super) pos_m: Vec<[f64; D]>,
+}
+
+/// A group solved.
+pub(super) struct Solved {
+    pub(super) answer: GroupAnswer,
+    /// Robust cost at the minimum: less a constant, the negative logarithm of the likelihood.
+    pub(super) cost: f64,
 }
 
 /// Solves one group.
@@ -49,41 +60,43 @@ pub(super) fn solve_group(problem: &Problem, cfg: &LocalizeConfig) -> GroupAnswe
         let users = (problem.users.iter()).map(|user| check::not_located(user, cfg)).collect();
         return GroupAnswer { users, ..GroupAnswer::default() };
     }
-    let mut solver = Solver::new(problem, cfg);
-    let mut state = solver.start(problem.users.iter().map(|user| user.centroid_m).collect());
-    for scale in SCALES {
-        solver.minimise(&mut state, scale, STEPS_PER_SCALE, true);
+    if cfg.user_altitude_sigma_m > 0.0 {
+        solve_and_doubt::<3>(problem, cfg)
+    } else {
+        solve_and_doubt::<2>(problem, cfg)
     }
-    if problem.users.len() <= FEW_USERS {
-        solver.start_anew(&mut state);
-    }
-    let fine = Grid::new(problem, cfg, Resolution::Fine);
-    state.clocks = state.clocks.resample(&state.grid, &fine);
-    state.grid = fine;
-    let mut converged = solver.minimise(&mut state, 1.0, MOST_STEPS, false);
-    for _ in 0..MOST_RESTARTS {
-        if !check::restart_bad_fits(problem, cfg, &solver.fits, &mut state) {
-            break;
-        }
-        solver.minimise(&mut state, 2.0, STEPS_PER_SCALE, false);
-        converged = solver.minimise(&mut state, 1.0, MOST_STEPS, false);
-    }
+}
+
+fn solve_and_doubt<const D: usize>(problem: &Problem, cfg: &LocalizeConfig) -> GroupAnswer {
+    let mut solved = solve_blocks::<D>(problem, cfg);
+    undeclared::hold_to_account::<D>(problem, cfg, &mut solved);
+    solved.answer
+}
+
+/// Solves one group with `D` unknowns per user.
+pub(super) fn solve_blocks<const D: usize>(problem: &Problem, cfg: &LocalizeConfig) -> Solved {
+    let mut solver = Solver::<D>::new(problem, cfg);
+    let (state, converged) = solver.solve();
+    let cost = solver.cost;
     let mut answer = solver.verdicts(&state);
     answer.iterations = solver.iterations;
     if !converged {
         let group = problem.clock_group;
         answer.warnings.push(format!("clock group {group}: not converged after {} steps", solver.iterations));
     }
-    answer
+    Solved { answer, cost }
 }
 
 /// A user lies within the coverage radius of the drones' centroid: as a standard deviation this moves a fix with
 /// an r95 of 10 m by at most a decimetre, and it bounds one with hardly any information.
 pub(super) fn position_prior(cfg: &LocalizeConfig) -> PositionPrior {
-    PositionPrior { info: cfg.expected_radius_m.powi(-2) }
+    PositionPrior {
+        horizontal_info: cfg.expected_radius_m.powi(-2),
+        up_info: cfg.user_altitude_sigma_m.powi(-2),
+    }
 }
 
-struct Solver<'a> {
+struct Solver<'a, const D: usize> {
     problem: &'a Problem,
     cfg: &'a LocalizeConfig,
     prior: PositionPrior,
@@ -92,12 +105,12 @@ struct Solver<'a> {
     fits: Vec<Fit>,
     cost: f64,
     /// Minima of the whole group that compare with the best: the positions of all users.
-    rivals: Vec<Vec<[f64; 2]>>,
+    rivals: Vec<Vec<[f64; D]>>,
     /// A user that `minimise` does not move.
     pinned: Option<usize>,
 }
 
-impl<'a> Solver<'a> {
+impl<'a, const D: usize> Solver<'a, D> {
     fn new(problem: &'a Problem, cfg: &'a LocalizeConfig) -> Self {
         let prior = position_prior(cfg);
         Self {
@@ -112,8 +125,32 @@ impl<'a> Solver<'a> {
         }
     }
 
+    /// From the drones' centroids to the minimum. Says whether it converged.
+    fn solve(&mut self) -> (State<D>, bool) {
+        let (problem, cfg) = (self.problem, self.cfg);
+        let mut state = self.start(problem.users.iter().map(|user| on_ground(user.centroid_m)).collect());
+        for scale in SCALES {
+            self.minimise(&mut state, scale, STEPS_PER_SCALE, true);
+        }
+        if problem.users.len() <= FEW_USERS {
+            self.start_anew(&mut state);
+        }
+        let fine = Grid::new(problem, cfg, Resolution::Fine);
+        state.clocks = state.clocks.resample(&state.grid, &fine);
+        state.grid = fine;
+        let mut converged = self.minimise(&mut state, 1.0, MOST_STEPS, false);
+        for _ in 0..MOST_RESTARTS {
+            if !check::restart_bad_fits(problem, cfg, &self.fits, &mut state) {
+                break;
+            }
+            self.minimise(&mut state, 2.0, STEPS_PER_SCALE, false);
+            converged = self.minimise(&mut state, 1.0, MOST_STEPS, false);
+        }
+        (state, converged)
+    }
+
     /// Users at `pos_m`, clocks on robust lines.
-    fn start(&self, pos_m: Vec<[f64; 2]>) -> State {
+    fn start(&self, pos_m: Vec<[f64; D]>) -> State<D> {
         let grid = Grid::new(self.problem, self.cfg, Resolution::Coarse);
         let clocks = Clocks::from_lines(&grid, &first_lines(self.problem, self.cfg, &pos_m));
         State { grid, clocks, pos_m }
@@ -121,7 +158,7 @@ impl<'a> Solver<'a> {
 
     /// Moves every user in turn to points around its centroid and solves the whole group from there, on coarse
     /// knots. The best minimum replaces `state`; those that compare with it are kept as rivals.
-    fn start_anew(&mut self, state: &mut State) {
+    fn start_anew(&mut self, state: &mut State<D>) {
         self.minimise(state, 1.0, MOST_STEPS, false);
         let mut best_cost = self.cost;
         let mut found = vec![(best_cost, state.pos_m.clone())];
@@ -146,7 +183,7 @@ impl<'a> Solver<'a> {
             found.into_iter().filter(|(cost, _)| *cost < comparable).map(|(_, pos_m)| pos_m).collect();
     }
 
-    fn evaluate(&self, state: &State, loss: &Loss, thinned: bool, normal: &mut Normal) {
+    fn evaluate(&self, state: &State<D>, loss: &Loss, thinned: bool, normal: &mut Normal<D>) {
         let thin = |user: &UserSpan| if thinned { (user.span.len() / FIRST_OCCASIONS).max(1) } else { 1 };
         normal.evaluate(self.problem, state, loss, self.prior, thin);
         if let Some(u) = self.pinned {
@@ -155,7 +192,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Levenberg-Marquardt on the robust cost. Says whether it converged.
-    fn minimise(&mut self, state: &mut State, scale: f64, most_steps: u32, thinned: bool) -> bool {
+    fn minimise(&mut self, state: &mut State<D>, scale: f64, most_steps: u32, thinned: bool) -> bool {
         let loss = Loss::new(self.cfg.robust, scale);
         let tolerance = TOLERANCE_PER_USER * (self.problem.users.len() as f64 + 1.0);
         let mut normal = Normal::default();
@@ -175,9 +212,7 @@ impl<'a> Solver<'a> {
             let mut trial = state.clone();
             trial.clocks.step(&step.clocks);
             for (p, d) in trial.pos_m.iter_mut().zip(&step.users_m) {
-                let length_m = d[0].hypot(d[1]);
-                let shorten = (0.5 * self.cfg.expected_radius_m / length_m).min(1.0);
-                *p = [p[0] + shorten * d[0], p[1] + shorten * d[1]];
+                *p = check::stepped(*p, *d, self.cfg);
             }
             if step.predicted < tolerance {
                 *state = trial;
@@ -198,7 +233,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Whether the cost of the whole group rises at the ends of user `u`'s ellipse as the covariance claims.
-    fn profile_is_parabola(&mut self, state: &State, u: usize, cov_m2: [[f64; 2]; 2]) -> bool {
+    fn profile_is_parabola(&mut self, state: &State<D>, u: usize, cov_m2: &Mat<D>) -> bool {
         let mut lowest = state.clone();
         self.minimise(&mut lowest, 1.0, MOST_STEPS, false);
         let cost = self.cost;
@@ -213,7 +248,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Covariances and statuses at the minimum.
-    fn verdicts(&mut self, state: &State) -> GroupAnswer {
+    fn verdicts(&mut self, state: &State<D>) -> GroupAnswer {
         let loss = Loss::accepting(self.cfg.robust);
         let mut normal = Normal::default();
         self.evaluate(state, &loss, false, &mut normal);
@@ -228,7 +263,7 @@ impl<'a> Solver<'a> {
         for (u, user) in self.problem.users.iter().enumerate() {
             let fix = match (&covariances, &eliminated) {
                 (Some(covariances), Some(eliminated)) => {
-                    self.verdict(state, u, covariances[u], &normal, eliminated)
+                    self.verdict(state, u, &covariances[u], &normal, eliminated)
                 }
                 _ => check::not_located(user, self.cfg),
             };
@@ -251,25 +286,27 @@ impl<'a> Solver<'a> {
 
     fn verdict(
         &mut self,
-        state: &State,
+        state: &State<D>,
         u: usize,
-        cov_m2: [[f64; 2]; 2],
-        normal: &Normal,
-        eliminated: &Eliminated,
+        cov_m2: &Mat<D>,
+        normal: &Normal<D>,
+        eliminated: &Eliminated<D>,
     ) -> UserFix {
         let user = &self.problem.users[u];
         let fit = normal.fits[u];
-        let r95_m = r95(cov_m2);
-        let rival = self.rivals.iter().any(|rival| {
-            let [east, north] = state.pos_m[u];
-            (rival[u][0] - east).hypot(rival[u][1] - north) > check::distinct_m(r95_m)
-        });
-        let mut status = check::status(self.problem, self.cfg, state, u, &fit, r95_m, eliminated.inverse[u]);
+        let p = state.pos_m[u];
+        let known_clocks = &eliminated.inverses[u];
+        let cov_m2 = &excess::widened(self.problem, self.cfg, state, u, cov_m2, known_clocks);
+        let r95_m = r95(horizontal(cov_m2));
+        let rival = self.rivals.iter().any(|rival| check::apart_m(rival[u], p) > check::distinct_m(r95_m));
+        let mut status = check::status(self.problem, self.cfg, state, u, &fit, r95_m, known_clocks);
         if rival && status == FixStatus::Ok {
             status = FixStatus::Ambiguous;
         }
         let few = self.problem.users.len() <= FEW_USERS;
-        if few && status == FixStatus::Ok && !self.profile_is_parabola(state, u, cov_m2) {
+        let trusted = |solver: &mut Self| !few || solver.profile_is_parabola(state, u, cov_m2);
+        let pulled = check::is_pulled(user, self.cfg, p, &horizontal(cov_m2));
+        if status == FixStatus::Ok && (pulled || !trusted(self)) {
             status = FixStatus::PoorGeometry;
         }
         if status == FixStatus::NotLocated {
@@ -278,9 +315,11 @@ impl<'a> Solver<'a> {
         }
         UserFix {
             user: user.user,
-            pos_m: state.pos_m[u],
-            cov_m2,
+            pos_m: [p[0], p[1]],
+            cov_m2: horizontal(cov_m2),
             r95_m,
+            altitude_m: self.cfg.user_altitude_m + p.get(2).copied().unwrap_or(0.0),
+            altitude_sigma_m: cov_m2.get(2).map_or(0.0, |row| row[2].sqrt()),
             status,
             occasions: user.span.len() as u32,
             rejected: fit.captures - fit.accepted,
