@@ -10,8 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use skyroost_host_sim::control::localize::{
-    C_M_PER_NS, Capture, ClockModel, FixStatus, Localization, LocalizeConfig, Occasion, UserFix, crlb,
-    crlb_ratio, localize,
+    C_M_PER_NS, Capture, ClockModel, FixStatus, Localization, LocalizeConfig, Occasion, Running, UserFix,
+    crlb, crlb_ratio, localize,
 };
 use skyroost_protocol::units::{DroneId, UserId};
 
@@ -370,4 +370,72 @@ fn truth_biased_drones() {
     let aware = score(&flown, &solve(&flown, &cfg));
     assert!(ignorant.in_ellipse < 0.5, "{ignorant:?}");
     assert!((0.93..=0.97).contains(&aware.in_ellipse), "{aware:?}");
+}
+
+/// While captures arrive, estimates improve, keep what they promise, and end near the solution of everything. At low
+/// altitude, too, where a plain filter diverges.
+#[test]
+fn truth_running_estimates() {
+    for (height_m, late) in [(300.0, 0.05), (100.0, 0.05), (100.0, 0.0)] {
+        let flown = Passes { seed: 5, users: 500, height_m, late, ..Passes::default() }.fly();
+        let cfg = config(ClockModel::Synchronised);
+        let mut running = Running::new(cfg, [(0, vec![DroneId(1), DroneId(2), DroneId(3)])]);
+        let mut halfway: BTreeMap<UserId, f64> = BTreeMap::new();
+        let mut misses = [0usize; 2];
+        for (i, occasion) in flown.occasions.iter().enumerate() {
+            running.add(occasion);
+            let fix = running.fix(occasion.user).expect("just heard");
+            let p = flown.truth[&occasion.user];
+            let miss = (fix.pos_m[0] - p[0]).hypot(fix.pos_m[1] - p[1]) > fix.r95_m;
+            let last = flown.occasions.get(i + 1).is_none_or(|next| next.user != occasion.user);
+            if fix.occasions == 30 {
+                halfway.insert(occasion.user, fix.r95_m);
+                misses[0] += usize::from(miss);
+            } else if last {
+                misses[1] += usize::from(miss);
+                let before = halfway.get(&occasion.user).copied().unwrap_or(f64::INFINITY);
+                assert!(fix.r95_m < before, "{} m after {before} m", fix.r95_m);
+            }
+        }
+        assert_eq!(running.len(), flown.truth.len());
+        let share = misses.map(|n| n as f64 / flown.truth.len() as f64);
+        assert!(share[0] < 0.08 && share[1] < 0.08, "h {height_m} m, late {late}: {share:?}");
+        let whole = solve(&flown, &cfg);
+        let mut worse: Vec<f64> =
+            whole.users.iter().map(|f| running.fix(f.user).expect("heard").r95_m / f.r95_m).collect();
+        worse.sort_by(f64::total_cmp);
+        assert!(worse[250] < 1.3 && worse[499] < 2.0, "{} {}", worse[250], worse[499]);
+    }
+}
+
+/// Before the clocks are solved a running estimate claims next to nothing; afterwards it is as good as any.
+#[test]
+fn truth_running_estimates_with_unknown_clocks() {
+    let passes = Passes {
+        users: 60,
+        offset_ns: [0.0, 180.0, -150.0],
+        drift_ns_per_s: [0.0, 4.0, -3.0],
+        ..Passes::default()
+    };
+    let flown = passes.fly();
+    let clock = ClockModel::SharedWander {
+        offset_sigma_ns: 200.0,
+        drift_sigma_ns_per_s: 5.0,
+        walk_ns_per_sqrt_s: 0.1,
+    };
+    let cfg = config(clock);
+    let mut running = Running::new(cfg, [(0, vec![DroneId(1), DroneId(2), DroneId(3)])]);
+    let (before, after) = flown.occasions.split_at(flown.occasions.len() / 2);
+    before.iter().for_each(|occasion| running.add(occasion));
+    let early = running.fix(before[before.len() - 1].user).expect("heard");
+    assert!(early.r95_m > 300.0 && early.known_clocks_r95_m < 30.0, "{early:?}");
+    running.calibrate(&localize(before, &cfg).expect("good").clocks);
+    after.iter().for_each(|occasion| running.add(occasion));
+    let late: Vec<UserId> = (40..=60).map(UserId).collect();
+    for user in &late {
+        let fix = running.fix(*user).expect("heard");
+        let p = flown.truth[user];
+        let error_m = (fix.pos_m[0] - p[0]).hypot(fix.pos_m[1] - p[1]);
+        assert!(error_m < 1.5 * fix.r95_m && fix.r95_m < 200.0, "{error_m} m, {fix:?}");
+    }
 }

@@ -1,8 +1,9 @@
 //! Which user sends its SRS when, and which drone serves it.
 //!
 //! A user is asked once a period while all three drones of a fleet hear it (paper section 2: the
-//! common coverage). The occasions of a period are spread evenly over it, so that no two users of a
-//! fleet transmit at once. Above the limit those asked longest ago come first.
+//! common coverage), until it is located well enough. The occasions of a period are spread evenly over it, so that no
+//! two users of a fleet transmit at once. Above the limit of occasions they go where they help most: to each user in
+//! proportion to the variance of its estimate, spread over its pass.
 
 use skyroost_protocol::{
     message::{Attached, MAX_SRS_PER_REQUEST, SrsRequest, SrsRequestEntry},
@@ -15,6 +16,9 @@ const HEARD_FOR: TimePs = TimePs::from_ms(2_500);
 /// From the request to the first transmission: two ways of the radio and the gate's lead.
 const LEAD: TimePs = TimePs::from_ms(400);
 
+/// A larger 95 % radius does not count for more.
+const WORST_R95_M: f64 = 300.0;
+
 /// How often users are asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SrsConfig {
@@ -22,11 +26,13 @@ pub struct SrsConfig {
     pub period: TimePs,
     /// Most occasions of one fleet in a period.
     pub max_per_period: usize,
+    /// A user whose 95 % radius is no larger is not asked again, metres.
+    pub enough_r95_m: f64,
 }
 
 impl Default for SrsConfig {
     fn default() -> Self {
-        Self { period: TimePs::from_ms(1_000), max_per_period: 100 }
+        Self { period: TimePs::from_ms(1_000), max_per_period: 100, enough_r95_m: 2.0 }
     }
 }
 
@@ -47,6 +53,23 @@ struct Hearing {
     /// When each drone last heard it, and at which timing advance.
     by_slot: [Option<(TimePs, u16)>; 3],
     last_asked: Option<TimePs>,
+}
+
+impl Hearing {
+    /// What another occasion is worth: the variance to be lowered, more the longer ago the last one was. Nobody waits
+    /// who was never asked.
+    fn need(&self, now: TimePs, r95_m: f64) -> f64 {
+        let since = self.last_asked.map_or(f64::INFINITY, |at| now.since(at).0 as f64 * 1e-12 + 1.0);
+        // A user asked but not located yet is as good as one at the edge of what can be used.
+        since * r95_m.min(WORST_R95_M).powi(2)
+    }
+}
+
+/// A user that all three drones hear.
+struct Candidate {
+    user: UserId,
+    advances: [u16; 3],
+    need: f64,
 }
 
 /// Schedule of one fleet.
@@ -76,27 +99,36 @@ impl FleetSchedule {
     }
 
     /// When a period begins, calls `send` with its requests (each goes to all three drones). Occasion
-    /// numbers are the indices of `scheduled`, which grows by them.
+    /// numbers are the indices of `scheduled`, which grows by them. `r95_m` is the 95 % radius that further occasions
+    /// of a user can improve; none of one never located.
     ///
     /// # Panics
     /// Never: batches are cut to fit a request.
-    pub fn step(&mut self, now: TimePs, scheduled: &mut Vec<Scheduled>, mut send: impl FnMut(SrsRequest)) {
+    pub fn step(
+        &mut self,
+        now: TimePs,
+        r95_m: impl Fn(UserId) -> Option<f64>,
+        scheduled: &mut Vec<Scheduled>,
+        mut send: impl FnMut(SrsRequest),
+    ) {
         if now < *self.next_period.get_or_insert(now) {
             return;
         }
         self.next_period = Some(now.after(self.config.period));
         self.users.retain(|_, h| h.by_slot.iter().flatten().any(|(at, _)| now.since(*at) <= HEARD_FOR));
-        let mut common: Vec<(Option<TimePs>, UserId, [u16; 3])> = Vec::new();
-        for (user, hearing) in &self.users {
+        let mut common: Vec<Candidate> = Vec::new();
+        for (&user, hearing) in &self.users {
             let fresh = |slot: usize| {
                 hearing.by_slot[slot].filter(|(at, _)| now.since(*at) <= HEARD_FOR).map(|(_, ta)| ta)
             };
-            if let (Some(a), Some(b), Some(c)) = (fresh(0), fresh(1), fresh(2)) {
-                common.push((hearing.last_asked, *user, [a, b, c]));
+            let (Some(a), Some(b), Some(c)) = (fresh(0), fresh(1), fresh(2)) else { continue };
+            let r95_m = r95_m(user).unwrap_or(f64::INFINITY);
+            if r95_m > self.config.enough_r95_m {
+                common.push(Candidate { user, advances: [a, b, c], need: hearing.need(now, r95_m) });
             }
         }
         if common.len() > self.config.max_per_period {
-            common.sort();
+            common.sort_by(|a, b| b.need.total_cmp(&a.need).then(a.user.cmp(&b.user)));
             common.truncate(self.config.max_per_period);
         }
         let Some(spacing) = self.config.period.0.checked_div(common.len() as i64).map(TimePs) else { return };
@@ -105,7 +137,7 @@ impl FleetSchedule {
             let first = scheduled.len();
             let start = at;
             let mut entries = heapless::Vec::new();
-            for &(_, user, advances) in batch {
+            for &Candidate { user, advances, .. } in batch {
                 let serving = self.mates[nearest(&advances, scheduled.len())];
                 scheduled.push(Scheduled { user, fleet: self.fleet, at });
                 entries.push(SrsRequestEntry { user, serving }).expect("a batch fits a request");
@@ -146,7 +178,7 @@ mod tests {
             schedule.heard(MATES[2], &page(s, 0..15, 4)); // five users miss the third drone
             for ms in (0..1_000).step_by(40) {
                 let now = TimePs::from_ms(s * 1000 + ms);
-                schedule.step(now, &mut scheduled, |r| requests.push((now, r)));
+                schedule.step(now, |_| None, &mut scheduled, |r| requests.push((now, r)));
             }
         }
         assert_eq!(scheduled.len(), 45);
@@ -164,7 +196,7 @@ mod tests {
         let mut scheduled = Vec::new();
         for s in 0..4 {
             MATES.iter().for_each(|m| schedule.heard(*m, &page(s, 0..20, 1)));
-            schedule.step(TimePs::from_ms(s * 1000), &mut scheduled, |_| {});
+            schedule.step(TimePs::from_ms(s * 1000), |_| None, &mut scheduled, |_| {});
         }
         let mut asked = [0; 20];
         scheduled.iter().for_each(|s| asked[s.user.0 as usize] += 1);
@@ -174,6 +206,35 @@ mod tests {
     #[test]
     fn nobody_in_reach_is_no_request() {
         let mut schedule = FleetSchedule::new(0, MATES, SrsConfig::default());
-        schedule.step(TimePs(0), &mut Vec::new(), |_| panic!("nobody to ask"));
+        schedule.step(TimePs(0), |_| None, &mut Vec::new(), |_| panic!("nobody to ask"));
+    }
+
+    /// How often each user is asked in `seconds`, with 95 % radii that stay as they are.
+    fn asked(config: SrsConfig, r95_m: &[f64], seconds: i64) -> Vec<usize> {
+        let mut schedule = FleetSchedule::new(0, MATES, config);
+        let mut scheduled = Vec::new();
+        let users = r95_m.len() as u32;
+        for s in 0..seconds {
+            MATES.iter().for_each(|m| schedule.heard(*m, &page(s, 0..users, 1)));
+            let r95_m = |user: UserId| Some(r95_m[user.0 as usize]);
+            schedule.step(TimePs::from_ms(s * 1000), r95_m, &mut scheduled, |_| {});
+        }
+        let of = |user: u32| scheduled.iter().filter(|s| s.user.0 == user).count();
+        (0..users).map(of).collect()
+    }
+
+    #[test]
+    fn scarce_occasions_go_where_the_variance_is() {
+        let config = SrsConfig { max_per_period: 2, ..SrsConfig::default() };
+        let asked = asked(config, &[5.0, 5.0, 5.0, 10.0, 10.0, 20.0], 300);
+        assert_eq!(asked.iter().sum::<usize>(), 600);
+        assert!(asked.iter().all(|n| *n > 20), "nobody is left out: {asked:?}");
+        assert!(asked[5] > asked[4] && asked[4] > 2 * asked[0], "{asked:?}");
+    }
+
+    #[test]
+    fn users_located_well_enough_are_left_in_peace() {
+        let asked = asked(SrsConfig::default(), &[1.9, 2.1], 50);
+        assert_eq!(asked, [0, 50]);
     }
 }

@@ -206,6 +206,7 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
         srs: SrsConfig {
             period: TimePs((scenario.srs.period_s * 1e12) as i64),
             max_per_period: (f64::from(scenario.srs.max_per_second) * scenario.srs.period_s) as usize,
+            enough_r95_m: scenario.srs.enough_r95_m,
         },
         localize: LocalizeConfig {
             sigma_toa_ns: scenario.srs.sigma_toa_ns.max(0.3), // the tick's own noise remains

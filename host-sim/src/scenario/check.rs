@@ -95,6 +95,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("users.density_per_km2", users.density_per_km2, 0.0..=10_000.0),
         ("users.altitude_m", users.altitude_m, -1000.0..=10_000.0),
         ("srs.sigma_toa_ns", srs.sigma_toa_ns, 0.0..=MAX_TIMING_NS),
+        ("srs.enough_r95_m", srs.enough_r95_m, 0.0..=MAX_LENGTH_M),
         ("srs.nlos_fraction", srs.nlos_fraction, 0.0..=1.0),
         ("srs.nlos_min_ns", srs.nlos_min_ns, 0.0..=MAX_TIMING_NS),
         ("srs.nlos_max_ns", srs.nlos_max_ns, 0.0..=MAX_TIMING_NS),

@@ -213,6 +213,8 @@ pub struct SrsTable {
     pub nlos_max_ns: f64,
     /// Most requests that a fleet's serving drone makes in a second.
     pub max_per_second: u32,
+    /// A user whose 95 % radius is no larger is not asked again; 0 asks everybody for as long as it is heard.
+    pub enough_r95_m: f64,
 }
 
 impl Default for SrsTable {
@@ -225,6 +227,7 @@ impl Default for SrsTable {
             nlos_min_ns: 100.0,
             nlos_max_ns: 1000.0,
             max_per_second: 100,
+            enough_r95_m: 2.0,
         }
     }
 }

@@ -27,6 +27,7 @@ mod normal;
 mod problem;
 mod r95;
 mod robust;
+mod running;
 #[cfg(test)]
 mod sim;
 mod small;
@@ -46,6 +47,7 @@ pub use model::{
     MAX_CAPTURES, Occasion, Robust, UserFix,
 };
 pub use r95::r95;
+pub use running::{Running, RunningFix};
 
 /// Estimates every user and every clock from all occasions of a mission.
 ///

@@ -10,7 +10,7 @@ mod stages;
 
 use crate::{
     control::{
-        localize::{Capture, Localization, LocalizeError, Occasion},
+        localize::{Capture, Localization, LocalizeError, Occasion, Running, RunningFix, localize},
         place::{PlaceError, Placement},
         relay::Relay,
         srs_schedule::{FleetSchedule, Scheduled},
@@ -24,7 +24,7 @@ use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
     message::{Down, EventCode, FlightPhase, PeerState, TdoaEntry, TdoaFlags, Up},
-    units::{DroneId, OccasionId, PosEnuMm, TimePs},
+    units::{DroneId, OccasionId, PosEnuMm, TimePs, UserId},
 };
 use thiserror::Error;
 
@@ -36,6 +36,9 @@ pub const RELAYED_NEIGHBOURS: usize = 32;
 const NEAR_M: f64 = 1_000.0;
 /// Every so often it is looked up anew who is near whom.
 const NEIGHBOURS_PERIOD: TimePs = TimePs::from_ms(1_000);
+
+/// Everything is solved for the first time after so many occasions, and again when they have grown by as many and a half.
+const FIRST_SOLUTION: usize = 256;
 
 /// What the control center is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -182,6 +185,9 @@ pub struct ControlCenter {
     reported: Vec<bool>,
     occasions: Vec<Occasion>,
     occasion_ids: Vec<OccasionId>,
+    running: Running,
+    /// Occasions at which everything is solved next.
+    solve_at: usize,
     relay: Relay,
     relay_due: TimePs,
     neighbours_due: TimePs,
@@ -202,9 +208,13 @@ impl ControlCenter {
     pub fn new(plan: MissionPlan) -> Self {
         let schedules = plan.fleets.iter().enumerate();
         let schedules = schedules.map(|(f, fleet)| FleetSchedule::new(f, fleet.mates, plan.srs)).collect();
+        let groups = plan.fleets.iter().zip(0u16..).map(|(fleet, group)| (group, fleet.mates.to_vec()));
+        let running = Running::new(plan.localize, groups);
         Self {
             drones: plan.drones.iter().map(|d| DroneLink::new(d.id)).collect(),
             schedules,
+            running,
+            solve_at: FIRST_SOLUTION,
             plan,
             stage: Stage::Connect,
             stage_since: TimePs(0),
@@ -263,7 +273,13 @@ impl ControlCenter {
         &self.occasion_ids
     }
 
-    /// Where the users are; empty before they are located.
+    /// Where a user is by what was heard of it so far.
+    #[must_use]
+    pub fn running_fix(&self, user: UserId) -> Option<RunningFix> {
+        self.running.fix(user)
+    }
+
+    /// Where the users are: all together by the occasions of the last solution, after the sweep by all.
     #[must_use]
     pub fn localization(&self) -> &Localization {
         &self.localization
@@ -371,6 +387,7 @@ impl ControlCenter {
         }
         if self.stage == Stage::Sweep {
             self.ask_for_srs(now, send);
+            self.solve_now_and_then()?;
         }
         self.advance(now)
     }
@@ -378,7 +395,9 @@ impl ControlCenter {
     fn ask_for_srs(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
         for (schedule, fleet) in self.schedules.iter_mut().zip(&self.plan.fleets) {
             let drones = &mut self.drones;
-            schedule.step(now, &mut self.scheduled, |request| {
+            let running = &self.running;
+            let r95_m = |user| running.fix(user).map(|fix| fix.known_clocks_r95_m);
+            schedule.step(now, r95_m, &mut self.scheduled, |request| {
                 let message = Down::SrsRequest(request);
                 for drone in drones.iter_mut().filter(|d| fleet.mates.contains(&d.id)) {
                     drone.say(&message, send);
@@ -386,6 +405,17 @@ impl ControlCenter {
             });
         }
         self.reported.resize(self.scheduled.len(), false);
+    }
+
+    /// Solves for all users and clocks together whenever the occasions have grown by a share, so that every
+    /// occasion is solved for a bounded number of times, however long the sweep.
+    fn solve_now_and_then(&mut self) -> Result<(), MissionError> {
+        if self.occasions.len() >= self.solve_at {
+            self.solve_at = self.occasions.len() + self.occasions.len() / 2 + FIRST_SOLUTION;
+            self.localization = localize(&self.occasions, &self.plan.localize)?;
+            self.running.calibrate(&self.localization.clocks);
+        }
+        Ok(())
     }
 
     /// Who is near whom: looked up anew once a second, in which two drones come 24 m closer at most.
@@ -454,13 +484,15 @@ impl ControlCenter {
             };
             captures.push(capture).expect("one serving drone and two mates");
         }
-        self.occasion_ids.push(entry.occasion);
-        self.occasions.push(Occasion {
+        let occasion = Occasion {
             user: entry.user,
             clock_group: asked.fleet as u16,
             time_s: asked.at.0 as f64 * 1e-12,
             captures,
-        });
+        };
+        self.running.add(&occasion);
+        self.occasion_ids.push(entry.occasion);
+        self.occasions.push(occasion);
     }
 }
 
