@@ -3,8 +3,8 @@
 //! The whole problem is solved now and then ([`Running::calibrate`] takes its clocks); between two solutions every
 //! user is fitted alone, with the clocks carried on. A filter that folds each occasion into a mean and a covariance
 //! diverges at low altitude, where the first occasions leave the position open and the geometry curves. So each
-//! user keeps some occasions, spread over all that it was heard in, and the fit is made anew from those: it can
-//! still change its mind, and its cost is bounded. Whenever the number of its occasions has doubled, further starts
+//! user keeps some occasions, spread over all that it was heard in, and the fit is made anew from those when they have
+//! grown: it can still change its mind, and its cost is bounded. Whenever the number of its occasions has doubled, further starts
 //! are tried.
 
 use std::collections::BTreeMap;
@@ -22,6 +22,8 @@ use super::solve::position_prior;
 
 /// Most occasions kept of a user; beyond, each new one takes the place of one of those before, every other in turn.
 const KEPT: usize = 64;
+/// A user is fitted again when its occasions have grown by this factor: fewer say nothing new.
+const GROWTH: f64 = 1.15;
 /// Steps of a fit at each scale of the noise.
 const STEPS: usize = 2;
 /// What a solved clock is worth where it was solved, nanoseconds.
@@ -66,6 +68,10 @@ struct Tracked {
     /// The next to go.
     victim: usize,
     heard: u32,
+    /// Occasions at the last fit.
+    fitted: u32,
+    /// Occasions at which further starts are tried.
+    start_anew_at: u32,
     /// Mean position of the drones that heard it.
     centroid_m: [f64; 2],
     pos_m: [f64; 3],
@@ -103,7 +109,9 @@ impl Running {
         let key = (occasion.user, occasion.clock_group);
         let tracked = self.users.entry(key).or_insert_with(|| Tracked::new(&heard));
         tracked.take(heard);
-        tracked.fit(&self.cfg, group);
+        if f64::from(tracked.heard) >= GROWTH * f64::from(tracked.fitted) {
+            tracked.fit(&self.cfg, group);
+        }
     }
 
     /// What is known of a user: of several groups' estimates the best.
@@ -139,6 +147,8 @@ impl Tracked {
             kept: Vec::with_capacity(KEPT),
             victim: 1,
             heard: 0,
+            fitted: 0,
+            start_anew_at: 2,
             centroid_m,
             pos_m: on_ground(centroid_m),
             fix: nothing,
@@ -162,6 +172,7 @@ impl Tracked {
 
     /// Fits the position to the occasions kept.
     fn fit(&mut self, cfg: &LocalizeConfig, group: &Group) {
+        self.fitted = self.heard;
         let mut prior = position_prior(cfg);
         prior.up_info = cfg.user_altitude_sigma_m.max(KNOWN_ALTITUDE_M).powi(-2);
         let user = UserSpan::at(self.centroid_m);
@@ -188,7 +199,8 @@ impl Tracked {
             (block(p, &losses[losses.len() - 1]).fit.cost, p)
         };
         let mut best = descend(self.pos_m, &[loss]);
-        if self.heard.is_power_of_two() {
+        if self.heard >= self.start_anew_at {
+            self.start_anew_at = 2 * self.heard;
             let graduated = [16.0, 4.0, 1.0].map(|scale| Loss::new(cfg.robust, scale * noise));
             let found = starts(&user, cfg).into_iter().map(|start| descend(start, &graduated));
             best = found.fold(best, |best, other| if other.0 < best.0 { other } else { best });
