@@ -1,7 +1,10 @@
 //! What a run leaves for people to look at.
 
+mod earth;
+pub(crate) mod figures;
 pub mod html;
 pub mod limits;
+pub mod locate;
 pub mod summary;
 mod summary_text;
 pub mod sweep;
