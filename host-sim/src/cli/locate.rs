@@ -17,6 +17,7 @@ use crate::report::locate::LocateReport;
 const JSON_FILE: &str = "locate.json";
 const USERS_FILE: &str = "users.csv";
 const LOCATED_FILE: &str = "located.csv";
+const MAP_FILE: &str = "locate.svg";
 const GEOJSON_FILE: &str = "users.geojson";
 
 const EXAMPLES: &str = "\
@@ -26,7 +27,7 @@ Examples:
   skyroost locate --captures captures.csv --clock shared-linear --user-altitude-m 112 --json
       Offset and drift of every clock estimated with the users, results for a script.
   skyroost locate --captures captures.csv --out found --origin-lon-lat 13.74,51.05
-      Tables and a GeoJSON for other maps.
+      Tables, a map (found/locate.svg) and a GeoJSON for other maps.
   skyroost place --users found/located.csv --drones 6 --radius-m 500
       What comes next.
 
@@ -80,7 +81,7 @@ pub(super) struct LocateArgs {
     #[arg(long, value_name = "LON,LAT", allow_hyphen_values = true, value_parser = lon_lat)]
     origin_lon_lat: Option<[f64; 2]>,
 
-    /// Directory for locate.json, users.csv, located.csv and, with --origin-lon-lat, users.geojson
+    /// Directory for locate.json, users.csv, located.csv, locate.svg (a map) and users.geojson
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 
@@ -189,6 +190,7 @@ pub(super) fn run(args: &LocateArgs) -> Result<Exit, Failure> {
             (JSON_FILE, report.to_json()),
             (USERS_FILE, report.to_users_csv()),
             (LOCATED_FILE, report.to_located_csv()),
+            (MAP_FILE, report.to_svg()),
         ];
         match report.to_geojson() {
             Some(geojson) => files.push((GEOJSON_FILE, geojson)),
@@ -205,7 +207,7 @@ pub(super) fn run(args: &LocateArgs) -> Result<Exit, Failure> {
 fn text_for_people(report: &LocateReport, args: &LocateArgs) -> String {
     let mut text = report.to_string();
     if let Some(dir) = &args.out {
-        text += &format!("\nFiles: in {}\n", dir.display());
+        text += &format!("\nMap: {}\n", dir.join(MAP_FILE).display());
     }
     text
 }

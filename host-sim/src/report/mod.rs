@@ -5,6 +5,7 @@ pub(crate) mod figures;
 pub mod html;
 pub mod limits;
 pub mod locate;
+mod map;
 pub mod summary;
 mod summary_text;
 pub mod sweep;

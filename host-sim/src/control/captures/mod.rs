@@ -33,6 +33,7 @@ mod rows;
 mod tests;
 mod ties;
 
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -42,6 +43,8 @@ pub use fault::{CapturesError, Fault};
 use lines::LineError;
 pub use occasions::Prepared;
 use rows::Row;
+
+use crate::geometry::V2;
 
 /// A file's captures, sorted: nothing here depends on the order of its rows but the line in [`repeated`](Self::repeated).
 #[derive(Clone, Debug, PartialEq)]
@@ -131,6 +134,22 @@ impl Captures {
         let last_epoch = epochs().max().unwrap_or_default();
         let epochs_s = [to_f64(first_epoch), to_f64(last_epoch)];
         Ok(Self { users, drones, epochs_s, repeated, rows, first_epoch })
+    }
+
+    /// Where drones heard users, east and north in metres: one place for each cell of a square grid that has `cells` along
+    /// the longer side of what they flew over.
+    #[must_use]
+    pub fn places_m(&self, cells: u16) -> Vec<V2> {
+        let at_m = |row: &Row| V2::new(row.pos_m[0], row.pos_m[1]);
+        let boxes = self.rows.iter().map(|row| [at_m(row); 2]);
+        let [low, high] = boxes.reduce(|[a, b], [c, d]| [a.inf(&c), b.sup(&d)]).unwrap_or_default();
+        let per_m = f64::from(cells) / (high - low).amax().max(1.0);
+        let cell = |row: &Row| {
+            let [x, y] = ((at_m(row) - low) * per_m).into();
+            (x as u32, y as u32)
+        };
+        let mut seen = HashSet::new();
+        self.rows.iter().filter(|row| seen.insert(cell(row))).map(at_m).collect()
     }
 
     /// Captures that count.

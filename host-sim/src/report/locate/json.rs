@@ -1,7 +1,6 @@
 //! Located users for scripts: metres in the file's own frame (east, north), a line for each user.
 
 use serde::{Serialize, Serializer};
-use std::collections::BTreeMap;
 
 use super::{LocateReport, LocatedUser, STATUSES, clock_name};
 use crate::control::localize::{LocalizeConfig, Robust};
@@ -35,7 +34,8 @@ struct Clock<'a> {
 #[derive(Serialize)]
 struct Summary {
     users: usize,
-    statuses: BTreeMap<&'static str, usize>,
+    #[serde(serialize_with = "in_order")]
+    statuses: Vec<(&'static str, usize)>,
     /// Of the users that are `ok`.
     r95_median_m: Option<f64>,
     r95_p95_m: Option<f64>,
@@ -135,6 +135,10 @@ fn options(config: &LocalizeConfig) -> Options {
 }
 
 /// As an object with its members in this order.
-fn in_order<S: Serializer>(members: &[(&str, Option<f64>)], serializer: S) -> Result<S::Ok, S::Error> {
+fn in_order<T, S>(members: &[(&str, T)], serializer: S) -> Result<S::Ok, S::Error>
+where
+    T: Copy + Serialize,
+    S: Serializer,
+{
     serializer.collect_map(members.iter().copied())
 }

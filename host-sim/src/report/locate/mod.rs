@@ -3,11 +3,13 @@
 //! - `json`: every figure, for scripts,
 //! - `tables`: all users, and those that claim a position as `skyroost place` reads them,
 //! - `geojson`: users and their 95 % ellipses for other maps,
+//! - `map`: a picture,
 //! - `warnings`: what was lost on the way and what looks wrong,
 //! - `text`: the figures that decide, for people.
 
 mod geojson;
 mod json;
+mod map;
 mod tables;
 mod text;
 mod warnings;
@@ -38,6 +40,8 @@ pub struct LocateReport {
     pub occasions: usize,
     /// Captures that count.
     pub captures: usize,
+    /// Where the drones heard users, in so many places as a picture shows, metres.
+    pub track_m: Vec<V2>,
     /// What was dropped, divided or repeated, with counts, and what looks wrong.
     pub warnings: Vec<String>,
 }
@@ -135,6 +139,7 @@ impl LocateReport {
             epochs_s: captures.epochs_s,
             occasions: prepared.heard_together,
             captures: captures.count(),
+            track_m: captures.places_m(TRACK_PLACES),
             warnings: warnings::collect(captures, prepared, &config, localization),
         }
     }
@@ -152,6 +157,12 @@ impl LocateReport {
     #[must_use]
     pub fn to_geojson(&self) -> Option<String> {
         self.frame.as_ref().map(|frame| geojson::render(self, frame))
+    }
+
+    /// A picture of users and ellipses as a self-contained SVG with light and dark colours.
+    #[must_use]
+    pub fn to_svg(&self) -> String {
+        map::render(self)
     }
 
     /// All users, a row each: `id,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,r95_m,status,occasions,captures,rejected`.
@@ -208,6 +219,9 @@ impl Position {
             .collect()
     }
 }
+
+/// Places of drones that a picture tells apart, along the longer of its sides.
+const TRACK_PLACES: u16 = 250;
 
 /// All statuses, the good one first.
 const STATUSES: [FixStatus; 5] = [
