@@ -153,7 +153,7 @@ fn options_out_of_range_are_refused() {
         (["--clock", "perfect"], ["--clock", "shared-constant"]),
         (["--robust", "huber"], ["--robust", "tukey"]),
         (["--user-altitude-m", "nan"], ["--user-altitude-m", "finite"]),
-        (["--user-altitude-m", "1e9"], ["--user-altitude-m: found 1000000000", "expected a number from"]),
+        (["--user-altitude-m", "1e9"], ["--user-altitude-m: found 1000000000.0", "expected a number from"]),
         (["--drone-pos-sigma-m", "-1"], ["--drone-pos-sigma-m", "0 or more"]),
         (["--max-r95-m", "0"], ["--max-r95-m", "above 0"]),
         (["--max-r95-m", "1e300"], ["--max-r95-m: found 1e300", "expected a number from"]),

@@ -28,21 +28,19 @@ Examples:
       Offset and drift of every clock estimated with the users, results for a script.
   skyroost locate --captures captures.csv --out found --origin-lon-lat 13.74,51.05
       Tables, a map (found/locate.svg) and a GeoJSON for other maps.
-  skyroost place --users found/located.csv --drones 6 --radius-m 500
-      What comes next.
 
 Input: CSV with the columns user,epoch_s,drone,x_m,y_m,z_m,toa_ns,sigma_ns, in any order, and a row
 for each capture: who was heard, when (seconds), by which drone, where that drone was (metres east,
 north and up of a local origin), when the signal arrived by that drone's clock, and the standard
-deviation of that (nanoseconds). Rows of one user and epoch are one transmission. What epochs
-and arrivals count from does not matter; all their digits do.
+deviation of that (nanoseconds). Rows of one user and epoch are one transmission. What epochs and
+arrivals count from does not matter; all their digits do.
 
-Outputs: a summary, or with --json one object: users has id, x_m, y_m, cov_m2, r95_m (the circle that
-holds 95 %), status, occasions and rejected captures; clock has offset_ns and drift_ns_per_s of each drone
-against reference_drone at reference_epoch_s; warnings names what was left out. Only the status ok
-claims a position: ambiguous, poor_geometry and inconsistent come with a best guess, not_located
-with none. users.csv has all users, located.csv only those that are ok, as place reads them. Files
-appear together at the end; files of the same names are replaced.
+Outputs: a summary, or with --json one object. Its users have id, x_m, y_m, cov_m2, r95_m (the
+circle that holds 95 %), status, occasions and rejected captures; clock has offset_ns and
+drift_ns_per_s of each drone against reference_drone at reference_epoch_s; warnings names what was
+left out. Only the status ok claims a position: ambiguous, poor_geometry and inconsistent come with
+a best guess, not_located with none. users.csv has all users, located.csv those that are ok
+(id,x_m,y_m,r_e_m). Files appear together at the end; files of the same names are replaced.
 
 Exit status: 0 done, 2 wrong usage or bad input (the line is named, nothing is written).";
 
@@ -129,7 +127,7 @@ impl From<LocalizeError> for LocateFailure {
     fn from(error: LocalizeError) -> Self {
         Self::Config(match error {
             LocalizeError::Config { field, found, expected } => {
-                format!("--{}: found {found}, expected {expected}", field.replace('_', "-"))
+                format!("--{}: found {found:?}, expected {expected}", field.replace('_', "-"))
             }
             other @ LocalizeError::LateLength { .. } => other.to_string(),
         })

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{LocateReport, STATUSES, clock_name};
-use crate::control::localize::FixStatus;
+use crate::control::localize::{ClockModel, FixStatus};
 use crate::geometry::V2;
 use crate::report::figures::{quantile, status_name};
 use crate::report::map::view::{View, escaped, px};
@@ -13,18 +13,20 @@ const STYLE: &str = include_str!("map.css");
 
 /// Corners of an ellipse.
 const CORNERS: u32 = 36;
-/// Ellipses are drawn larger until that of the median user is about this large, pixels.
-const MEDIAN_PX: f64 = 10.0;
+/// Up to this many users have their names on the map; dots and ellipses of more are smaller.
+const NAMED: usize = 40;
+/// Ellipses are drawn larger until that of the median user is about this large, of few users and of many, pixels.
+const MEDIAN_PX: [f64; 2] = [12.0, 4.0];
 /// By one of these factors.
 const FACTORS: [f64; 6] = [50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
-/// Up to this many users have their names on the map.
-const NAMED: usize = 40;
+/// More clocks do not fit beside the map.
+const CLOCKS: usize = 8;
 
 /// Draws the whole picture; the same answer gives the same bytes.
 pub(super) fn render(report: &LocateReport) -> String {
-    let seen = report.users.iter().filter(|user| user.status != FixStatus::NotLocated);
-    let guesses = seen.filter_map(|user| user.position.map(|it| V2::from(it.pos_m)));
-    let points_m: Vec<V2> = report.track_m.iter().copied().chain(guesses).collect();
+    // A guess that claims nothing may lie anywhere and must not make the map small.
+    let located = report.located().map(|(_, position)| V2::from(position.pos_m));
+    let points_m: Vec<V2> = report.track_m.iter().copied().chain(located).collect();
     let sheet = Sheet {
         what: "Users located from",
         source: &report.source,
@@ -45,7 +47,8 @@ pub(super) fn render(report: &LocateReport) -> String {
 /// How much larger than they are ellipses have to be drawn to be seen.
 fn factor(report: &LocateReport, view: &View) -> f64 {
     let median_px = quantile(&report.r95_m(), 0.5).unwrap_or_default() * view.px_per_m();
-    FACTORS.into_iter().find(|factor| factor * median_px <= MEDIAN_PX).unwrap_or(1.0)
+    let most_px = MEDIAN_PX[usize::from(report.users.len() > NAMED)];
+    FACTORS.into_iter().find(|factor| factor * median_px <= most_px).unwrap_or(1.0)
 }
 
 fn draw(svg: &mut String, report: &LocateReport, view: &View, factor: f64) {
@@ -60,6 +63,7 @@ fn draw(svg: &mut String, report: &LocateReport, view: &View, factor: f64) {
             .collect();
         let _ = writeln!(svg, "<path class=\"ellipse\" d=\"{}\"/>", view.path(&ellipse, true));
     }
+    let size = if report.users.len() > NAMED { " small" } else { "" };
     for status in STATUSES {
         let of_status = report.users.iter().filter(|user| user.status == status);
         let dots: String = of_status
@@ -67,7 +71,7 @@ fn draw(svg: &mut String, report: &LocateReport, view: &View, factor: f64) {
             .map(|it| dot(view.point_px(V2::from(it.pos_m))))
             .collect();
         if !dots.is_empty() {
-            let _ = writeln!(svg, "<path class=\"user {}\" d=\"{dots}\"/>", status_name(status));
+            let _ = writeln!(svg, "<path class=\"user {}{size}\" d=\"{dots}\"/>", status_name(status));
         }
     }
     if report.users.len() <= NAMED {
@@ -114,20 +118,35 @@ fn fill(panel: &mut Panel, report: &LocateReport, factor: f64) {
         }
         panel.gap();
     }
-    panel.head(&format!("Clocks: {}", clock_name(report.config.clock)));
-    for drone in report.drones.iter().take(8) {
-        let offset =
-            drone.line.map_or_else(|| "unknown".to_owned(), |[offset_ns, _]| format!("{offset_ns:.1} ns"));
-        panel.text("", 0.0, &format!("drone {}", drone.id));
-        panel.text("number", panel.width, &offset);
-        panel.next();
-    }
-    panel.gap();
+    clocks(panel, report);
     panel.head("Legend");
     let larger = if factor > 1.0 { format!(", drawn {factor} times as large") } else { String::new() };
     let ellipse = |at: V2| {
         format!("<ellipse class=\"ellipse\" cx=\"{}\" cy=\"{}\" rx=\"9\" ry=\"5.5\"/>", px(at.x), px(at.y))
     };
     panel.symbol(ellipse, &format!("95 % ellipse{larger}"));
-    panel.symbol(|at| format!("<path class=\"track\" d=\"{}\"/>", dot(at)), "where the drones heard users");
+    let dots = |at: V2| [-8.0, -4.0, 0.0, 4.0, 8.0].map(|dx| dot(at + V2::new(dx, 0.0))).concat();
+    panel.symbol(|at| format!("<path class=\"track\" d=\"{}\"/>", dots(at)), "where the drones heard users");
+}
+
+fn clocks(panel: &mut Panel, report: &LocateReport) {
+    panel.head(&format!("Clocks: {}", clock_name(report.config.clock)));
+    if report.config.clock == ClockModel::Synchronised {
+        panel.text("", 0.0, "taken as synchronised");
+        panel.next();
+    } else {
+        for drone in report.drones.iter().take(CLOCKS) {
+            let offset = drone
+                .line
+                .map_or_else(|| "unknown".to_owned(), |[offset_ns, _]| format!("{offset_ns:.1} ns"));
+            panel.text("", 0.0, &format!("drone {}", drone.id));
+            panel.text("number", panel.width, &offset);
+            panel.next();
+        }
+        if report.drones.len() > CLOCKS {
+            panel.text("muted", 0.0, &format!("and {} more", report.drones.len() - CLOCKS));
+            panel.next();
+        }
+    }
+    panel.gap();
 }

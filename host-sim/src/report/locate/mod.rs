@@ -1,7 +1,7 @@
 //! Located users for scripts, maps, the next steps and people.
 //!
 //! - `json`: every figure, for scripts,
-//! - `tables`: all users, and those that claim a position as `skyroost place` reads them,
+//! - `tables`: all users, and those that claim a position, for placing drones,
 //! - `geojson`: users and their 95 % ellipses for other maps,
 //! - `map`: a picture,
 //! - `warnings`: what was lost on the way and what looks wrong,
@@ -171,7 +171,7 @@ impl LocateReport {
         tables::users(self)
     }
 
-    /// The users that claim a position, `id,x_m,y_m,r_e_m`, for `skyroost place`.
+    /// The users that claim a position, `id,x_m,y_m,r_e_m`: for placing drones.
     #[must_use]
     pub fn to_located_csv(&self) -> String {
         tables::located(self)

@@ -17,7 +17,7 @@ const USERS_HEADER: [&str; 11] = [
     "captures",
     "rejected",
 ];
-/// What `skyroost place` and `skyroost mission` read as users.
+/// What is read as users elsewhere; `r_e_m` is the radius of the error disk.
 const LOCATED_HEADER: [&str; 4] = ["id", "x_m", "y_m", "r_e_m"];
 
 /// See [`LocateReport::to_users_csv`]: what is not known stays empty.

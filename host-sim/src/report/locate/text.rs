@@ -97,7 +97,7 @@ impl LocateReport {
         }
         writeln!(
             f,
-            "\nClocks ({model}) against drone {:?} at epoch {} s",
+            "\nClocks ({model}) against drone {:?} at epoch {:.3} s",
             reference.id, self.reference_epoch_s
         )?;
         let width =

@@ -27,8 +27,8 @@ pub(super) fn collect(
     if prepared.divided > 0 {
         let (occasions, lost) = (occasions(prepared.divided), prepared.differences_lost);
         warnings.push(format!(
-            "{occasions} heard by more than {MAX_CAPTURES} drones: divided among them, which leaves {lost} \
-             differences of arrivals unused"
+            "{occasions} heard by more than {MAX_CAPTURES} drones: divided among them, at the cost of {lost} of their \
+             differences of arrivals"
         ));
     }
     let most = SUSPICIOUS_SHARE * prepared.heard_together as f64;
