@@ -23,13 +23,13 @@ LANE_M, LENGTH_M = 700.0, 2400.0
 CASES = {
     # users, seconds between occasions, noise in ns, share late, share lost, clocks as (offset ns, drift ns/s), first
     # epoch in s, count of the clocks at the first epoch in ns
-    "plain": dict(users=40, every_s=2, sigma_ns=5, late=0, lost=0.1, clocks=[(0, 0)] * 3, epoch_s=0, count_ns=0),
-    "late": dict(users=40, every_s=2, sigma_ns=5, late=0.05, lost=0.1, clocks=[(0, 0)] * 3, epoch_s=0, count_ns=0),
-    "constant": dict(users=40, every_s=2, sigma_ns=5, late=0.05, lost=0.1, clocks=[(90, 0), (-150, 0), (35, 0)],
+    "plain": dict(users=30, every_s=2, sigma_ns=5, late=0, lost=0.1, clocks=[(0, 0)] * 3, epoch_s=0, count_ns=0),
+    "late": dict(users=30, every_s=2, sigma_ns=5, late=0.05, lost=0.1, clocks=[(0, 0)] * 3, epoch_s=0, count_ns=0),
+    "constant": dict(users=30, every_s=2, sigma_ns=5, late=0.05, lost=0.1, clocks=[(90, 0), (-150, 0), (35, 0)],
                      epoch_s=1_700_000_000, count_ns=1_700_000_000 * 10**9),
-    "linear": dict(users=40, every_s=2, sigma_ns=5, late=0.03, lost=0.1, clocks=[(9e9, 2), (-3e14, -4), (0, 3.5)],
+    "linear": dict(users=30, every_s=2, sigma_ns=5, late=0.03, lost=0.1, clocks=[(9e9, 2), (-3e14, -4), (0, 3.5)],
                    epoch_s=1_700_000_000, count_ns=0),
-    "five": dict(users=40, every_s=2, sigma_ns=5, late=0, lost=0.1, clocks=[(0, 0)] * 5, epoch_s=0, count_ns=0),
+    "five": dict(users=30, every_s=2, sigma_ns=5, late=0, lost=0.1, clocks=[(0, 0)] * 5, epoch_s=0, count_ns=0),
     "sample": dict(users=9, every_s=4, sigma_ns=5, late=0.02, lost=0.05, clocks=[(20, 0), (-95, 0), (140, 0)],
                    epoch_s=1_700_000_000, count_ns=0),
 }

@@ -190,12 +190,12 @@ pub(super) fn run(args: &LocateArgs) -> Result<Exit, Failure> {
             (LOCATED_FILE, report.to_located_csv()),
             (MAP_FILE, report.to_svg()),
         ];
-        match report.to_geojson() {
-            Some(geojson) => files.push((GEOJSON_FILE, geojson)),
-            None => console.log(&format!("no {GEOJSON_FILE}: it needs --origin-lon-lat")),
-        }
+        files.extend(report.to_geojson().map(|geojson| (GEOJSON_FILE, geojson)));
         let files: Vec<_> = files.into_iter().map(|(name, text)| (name.to_owned(), text)).collect();
         staged("--out", dir, &files)?.commit()?;
+        if report.frame.is_none() {
+            console.log(&format!("no {GEOJSON_FILE}: it needs --origin-lon-lat"));
+        }
     }
     Console::print(&if args.json { report.to_json() } else { text_for_people(&report, args) })?;
     Ok(Exit::Ok)

@@ -16,9 +16,9 @@ pub(super) fn collect(
     let synchronised = config.clock == ClockModel::Synchronised;
     let mut warnings = Vec::new();
     if let Some((count, line)) = captures.repeated {
-        let rows = if count == 1 { "1 row repeats" } else { &format!("{count} rows repeat") };
-        warnings
-            .push(format!("{rows} an earlier one exactly and count only once (line {line} is the first)"));
+        warnings.push(format!(
+            "rows that repeat an earlier one exactly, left out: {count}, the first in line {line}"
+        ));
     }
     if prepared.heard_alone > 0 {
         let occasions = occasions(prepared.heard_alone);

@@ -241,6 +241,16 @@ fn clocks_that_count_from_anywhere_are_brought_together() {
 }
 
 #[test]
+fn ties_are_followed_both_ways() {
+    // From 1 to 3, and back from 3 to 2.
+    let text = "a,0,1,0,0,300,100,5\na,0,3,0,0,300,350,5\nb,0,2,0,0,300,-1000,5\nb,0,3,0,0,300,0,5\n";
+    let offsets = rows(text).unwrap().prepare(true).taken_out_ns;
+    for (offset, expected) in offsets.iter().zip([0.0, -750.0, 250.0]) {
+        assert!((offset - expected).abs() < 1e-6, "{offsets:?}");
+    }
+}
+
+#[test]
 fn drones_without_ties_come_last() {
     let text = "a,0,1,0,0,300,0,5\na,0,2,0,0,300,0,5\n\
                 b,0,3,0,0,300,0,5\nb,0,4,0,0,300,0,5\nb,1,4,0,0,300,0,5\nb,1,5,0,0,300,0,5\n\
