@@ -26,6 +26,12 @@ pub(super) enum LineError {
     Fault(Fault),
 }
 
+impl From<Fault> for LineError {
+    fn from(fault: Fault) -> Self {
+        Self::Fault(fault)
+    }
+}
+
 impl<R: BufRead> Lines<R> {
     /// Of at most `most_bytes`.
     pub(super) fn new(reader: R, most_bytes: u64) -> Self {
@@ -47,7 +53,7 @@ impl<R: BufRead> Lines<R> {
             self.bytes_left = self.bytes_left.checked_sub(read as u64).ok_or_else(|| self.too_large())?;
             if read > MOST_LINE_BYTES && self.line.last() != Some(&b'\n') {
                 let found = format!("a line of more than {MOST_LINE_BYTES} bytes");
-                return Err(LineError::Fault(Fault::line(self.number, found, "a row of eight fields")));
+                return Err(Fault::line(self.number, found, "a row of eight fields").into());
             }
             if self.number == 1 && self.line.starts_with(b"\xef\xbb\xbf") {
                 self.line.drain(..3);
@@ -66,7 +72,7 @@ impl<R: BufRead> Lines<R> {
 
     fn too_large(&self) -> LineError {
         let expected = "a smaller file: locate some users at a time";
-        LineError::Fault(Fault::line(self.number, "the file's limit of bytes exceeded", expected))
+        Fault::line(self.number, "more bytes than a file may have", expected).into()
     }
 }
 
@@ -183,5 +189,13 @@ mod tests {
             found.push((number, line.to_vec()));
         }
         assert_eq!(found, [(1, b"a".to_vec()), (5, b"b".to_vec()), (6, b"c".to_vec())]);
+    }
+
+    #[test]
+    fn a_file_that_is_too_large_is_refused_where_it_is() {
+        let mut lines = Lines::new(&b"abc\nabc\nabc\n"[..], 8);
+        assert!(matches!(lines.next(), Ok(Some((1, b"abc")))));
+        assert!(matches!(lines.next(), Ok(Some((2, b"abc")))));
+        assert!(matches!(lines.next(), Err(LineError::Fault(fault)) if fault.line == 3));
     }
 }

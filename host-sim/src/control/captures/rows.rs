@@ -50,34 +50,33 @@ pub(super) struct Table {
 /// Reads the header and every row.
 pub(super) fn read(reader: impl BufRead) -> Result<Table, LineError> {
     let mut lines = Lines::new(reader, MOST_BYTES);
-    let expected = || format!("the header \"{}\"", COLUMNS.join(","));
     let place = match lines.next()? {
-        Some((number, line)) => header(number, line).map_err(LineError::Fault)?,
-        None => return Err(LineError::Fault(Fault::line(lines.number(), "nothing", expected()))),
+        Some((number, line)) => header(number, line)?,
+        None => return Err(Fault::line(lines.number(), "nothing", expected_header()).into()),
     };
     let mut table = Table::default();
     while let Some((number, line)) = lines.next()? {
         if table.rows.len() == MOST_ROWS {
-            let fault = Fault::line(number, "one row more", format!("at most {MOST_ROWS} rows"));
-            return Err(LineError::Fault(fault));
+            return Err(Fault::line(number, "one row more", format!("at most {MOST_ROWS} rows")).into());
         }
-        let row = table.row(number, line, &place).map_err(LineError::Fault)?;
+        let row = table.row(number, line, &place)?;
         table.rows.push(row);
     }
     if table.rows.is_empty() {
-        return Err(LineError::Fault(Fault::line(
-            lines.number(),
-            "nothing after the header",
-            "a row for each capture",
-        )));
+        let expected = "a row for each capture";
+        return Err(Fault::line(lines.number(), "nothing after the header", expected).into());
     }
     Ok(table)
+}
+
+fn expected_header() -> String {
+    format!("the header \"{}\"", COLUMNS.join(","))
 }
 
 /// Where each of [`COLUMNS`] stands.
 fn header(number: u32, line: &[u8]) -> Result<[usize; 8], Fault> {
     let (fields, count) = split::<8>(number, line)?;
-    let expected = format!("the header \"{}\"", COLUMNS.join(","));
+    let expected = expected_header();
     let mut place = [usize::MAX; 8];
     for (at, field) in fields.iter().take(count).enumerate() {
         let Some(column) = COLUMNS.iter().position(|name| name.as_bytes() == field.raw) else {
