@@ -154,6 +154,8 @@ fn options_out_of_range_are_refused() {
         (["--user-altitude-m", "nan"], ["--user-altitude-m", "finite"]),
         (["--user-altitude-m", "1e9"], ["--user-altitude-m: found 1000000000.0", "expected a number from"]),
         (["--drone-pos-sigma-m", "-1"], ["--drone-pos-sigma-m", "0 or more"]),
+        (["--drone-bias-sigma-m", "inf"], ["--drone-bias-sigma-m", "0 or more"]),
+        (["--user-altitude-sigma-m", "-1"], ["--user-altitude-sigma-m", "0 or more"]),
         (["--max-r95-m", "0"], ["--max-r95-m", "above 0"]),
         (["--max-r95-m", "1e300"], ["--max-r95-m: found 1e300", "expected a number from"]),
         (["--origin-lon-lat", "13"], ["--origin-lon-lat", "comma"]),

@@ -63,16 +63,24 @@ pub(super) struct LocateArgs {
     #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "0", value_parser = finite)]
     user_altitude_m: f64,
 
+    /// Standard deviation of the users' heights about that; above 0 they are estimated too
+    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "0", value_parser = not_negative)]
+    user_altitude_sigma_m: f64,
+
     /// How late captures, around corners, are kept from spoiling a position
     #[arg(long, value_name = "METHOD", default_value = "tukey")]
     robust: Robustness,
 
-    /// Standard deviation of the drones' positions, along the line of sight
+    /// Standard deviation of the drones' positions along the line of sight, anew for every capture (RTK: 0.02)
     #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "0", value_parser = not_negative)]
     drone_pos_sigma_m: f64,
 
+    /// The same of each coordinate, for as long as a user is heard (standalone GNSS: 1.5)
+    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "0", value_parser = not_negative)]
+    drone_bias_sigma_m: f64,
+
     /// A user with a wider 95 % circle is poor_geometry, not ok
-    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "100", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "300", value_parser = positive)]
     max_r95_m: f64,
 
     /// Where the local origin lies, in degrees; for users.geojson
@@ -156,7 +164,9 @@ impl LocateArgs {
         LocalizeConfig {
             clock: self.clock.into(),
             user_altitude_m: self.user_altitude_m,
+            user_altitude_sigma_m: self.user_altitude_sigma_m,
             drone_pos_sigma_m: self.drone_pos_sigma_m,
+            drone_bias_sigma_m: self.drone_bias_sigma_m,
             robust: match self.robust {
                 Robustness::Tukey => default.robust,
                 Robustness::None => Robust::None,

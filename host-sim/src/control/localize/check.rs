@@ -12,7 +12,7 @@ use super::solve::{State, position_prior};
 /// else is wrong.
 const BAD_FIT_REJECTED: f64 = 0.35;
 /// Beyond this share a fix is refused.
-const INCONSISTENT_REJECTED: f64 = 0.6;
+const INCONSISTENT_REJECTED: f64 = 0.5;
 /// Largest deviation of a chi-square from its mean, in its standard deviations.
 const CHI2_SIGMAS: f64 = 6.0;
 /// Half the cost difference that a point at 3 standard deviations has.

@@ -14,6 +14,8 @@ struct User<'a> {
     y_m: Option<f64>,
     cov_m2: Option<[[f64; 2]; 2]>,
     r95_m: Option<f64>,
+    altitude_m: Option<f64>,
+    altitude_sigma_m: Option<f64>,
     status: &'static str,
     occasions: u32,
     captures: u32,
@@ -48,7 +50,9 @@ struct Summary {
 #[derive(Serialize)]
 struct Options {
     user_altitude_m: f64,
+    user_altitude_sigma_m: f64,
     drone_pos_sigma_m: f64,
+    drone_bias_sigma_m: f64,
     robust: &'static str,
     max_r95_m: f64,
 }
@@ -86,6 +90,8 @@ fn user(located: &LocatedUser) -> User<'_> {
         y_m: position.map(|it| it.pos_m[1]),
         cov_m2: position.map(|it| it.cov_m2),
         r95_m: position.map(|it| it.r95_m),
+        altitude_m: position.map(|it| it.altitude_m[0]),
+        altitude_sigma_m: position.map(|it| it.altitude_m[1]),
         status: status_name(*status),
         occasions: *occasions,
         captures: *captures,
@@ -125,7 +131,9 @@ fn summary(report: &LocateReport) -> Summary {
 fn options(config: &LocalizeConfig) -> Options {
     Options {
         user_altitude_m: config.user_altitude_m,
+        user_altitude_sigma_m: config.user_altitude_sigma_m,
         drone_pos_sigma_m: config.drone_pos_sigma_m,
+        drone_bias_sigma_m: config.drone_bias_sigma_m,
         robust: match config.robust {
             Robust::Tukey { .. } => "tukey",
             Robust::None => "none",

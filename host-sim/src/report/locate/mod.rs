@@ -72,6 +72,8 @@ pub struct Position {
     pub cov_m2: [[f64; 2]; 2],
     /// Radius of the circle around it that holds 95 % of that Gaussian.
     pub r95_m: f64,
+    /// Altitude above the local origin and its standard deviation, which is 0 where it was given.
+    pub altitude_m: [f64; 2],
 }
 
 /// The clock of a drone against the reference drone's.
@@ -104,6 +106,7 @@ impl LocateReport {
                 pos_m: fix.pos_m,
                 cov_m2: fix.cov_m2,
                 r95_m: fix.r95_m,
+                altitude_m: [fix.altitude_m, fix.altitude_sigma_m],
             });
             LocatedUser {
                 id: user.id.clone(),

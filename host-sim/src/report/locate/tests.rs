@@ -13,7 +13,12 @@ fn user(id: &str, status: FixStatus, position: Option<Position>) -> LocatedUser 
 
 fn position(x_m: f64, y_m: f64, [xx, xy, yy]: [f64; 3]) -> Option<Position> {
     let cov_m2 = [[xx, xy], [xy, yy]];
-    Some(Position { pos_m: [x_m, y_m], cov_m2, r95_m: crate::control::localize::r95(cov_m2) })
+    Some(Position {
+        pos_m: [x_m, y_m],
+        cov_m2,
+        r95_m: crate::control::localize::r95(cov_m2),
+        altitude_m: [0.0; 2],
+    })
 }
 
 fn example() -> LocateReport {
