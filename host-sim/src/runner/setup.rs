@@ -192,6 +192,7 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
         };
         PlannedDrone { id: DroneId(index as u16 + 1), pad_m: pad.push(0.0), fleet }
     });
+    let gnss = gnss(scenario);
     MissionPlan {
         drones: drones.collect(),
         fleets,
@@ -217,7 +218,8 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
                 walk_ns_per_sqrt_s: scenario.clock.walk_ns_per_sqrt_s.max(1e-3),
             },
             user_altitude_m: scenario.users.altitude_m,
-            drone_pos_sigma_m: scenario.gnss.sigma_m.max(0.001),
+            drone_pos_sigma_m: (gnss.sigma_m * gnss.white_fraction.sqrt()).max(0.001),
+            drone_bias_sigma_m: gnss.sigma_m * (1.0 - gnss.white_fraction).sqrt(),
             expected_radius_m: table.radius_m - table.spacing_m / 3f64.sqrt(),
             ..LocalizeConfig::default()
         },
@@ -240,6 +242,20 @@ pub(super) fn fleet_watches(plan: &MissionPlan) -> Vec<FleetWatch> {
         FleetWatch::new(lanes, (transit_m * 1e6) as i64, slots, plan.altitude_m, plan.radius_m)
     };
     plan.fleets.iter().map(watch).collect()
+}
+
+/// The receivers of all drones.
+fn gnss(scenario: &Scenario) -> GnssConfig {
+    let mode = match scenario.gnss.mode {
+        GnssMode::Rtk => GnssConfig::rtk(),
+        GnssMode::Standalone => GnssConfig::standalone(),
+    };
+    GnssConfig {
+        sigma_m: scenario.gnss.sigma_m,
+        sigma_up_m: 1.5 * scenario.gnss.sigma_m,
+        error_bound_m: scenario.fleet.r_s_m,
+        ..mode
+    }
 }
 
 /// What all drones fly in.
@@ -317,16 +333,7 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
         gust_tau_s: scenario.wind.gust_time_s,
         ..WindConfig::default()
     };
-    let gnss = match scenario.gnss.mode {
-        GnssMode::Rtk => GnssConfig::rtk(),
-        GnssMode::Standalone => GnssConfig::standalone(),
-    };
-    let gnss = GnssConfig {
-        sigma_m: scenario.gnss.sigma_m,
-        sigma_up_m: 1.5 * scenario.gnss.sigma_m,
-        error_bound_m: scenario.fleet.r_s_m,
-        ..gnss
-    };
+    let gnss = gnss(scenario);
     let clock = ClockConfig {
         offset_ns: scenario.clock.offset_ns,
         drift_ns_per_s: scenario.clock.drift_ns_per_s,

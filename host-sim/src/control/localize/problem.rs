@@ -219,7 +219,8 @@ pub(super) fn hear(
     order.sort_unstable_by(|&a, &b| {
         (captures[a].drone.cmp(&captures[b].drone)).then(captures[a].toa_ns.total_cmp(&captures[b].toa_ns))
     });
-    let drone_sigma_ns = cfg.drone_pos_sigma_m / super::model::C_M_PER_NS;
+    // A bias is no noise (`excess`), but it shows in the residuals: outliers are judged with it.
+    let drone_sigma_ns = cfg.drone_pos_sigma_m.hypot(cfg.drone_bias_sigma_m) / super::model::C_M_PER_NS;
     let mut first_toa_ns = 0.0;
     for &i in order.iter().filter(|&&i| keep(i)) {
         let capture = &captures[i];

@@ -104,6 +104,9 @@ pub(super) fn linearise<const D: usize>(
             break;
         }
         emission_ns = (weight[0] * a + weight[1] * b + weight[2] * c) / total;
+        if loss.inverse_cutoff2 == 0.0 {
+            break; // least squares: weights do not depend on residuals
+        }
     }
     let deviation_ns = residual.map(|r| r - emission_ns);
     let mut cost = 0.0;

@@ -4,8 +4,8 @@
 //! user is fitted alone, with the clocks carried on. A filter that folds each occasion into a mean and a covariance
 //! diverges at low altitude, where the first occasions leave the position open and the geometry curves. So each
 //! user keeps some occasions, spread over all that it was heard in, and the fit is made anew from those when they have
-//! grown: it can still change its mind, and its cost is bounded. Whenever the number of its occasions has doubled, further starts
-//! are tried.
+//! grown: it can still change its mind, and its cost is bounded. From time to time
+//! further starts are tried.
 
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ use super::solve::position_prior;
 /// Most occasions kept of a user; beyond, each new one takes the place of one of those before, every other in turn.
 const KEPT: usize = 64;
 /// A user is fitted again when its occasions have grown by this factor: fewer say nothing new.
-const GROWTH: f64 = 1.15;
+const GROWTH: f64 = 1.25;
 /// Steps of a fit at each scale of the noise.
 const STEPS: usize = 2;
 /// What a solved clock is worth where it was solved, nanoseconds.
@@ -148,7 +148,7 @@ impl Tracked {
             victim: 1,
             heard: 0,
             fitted: 0,
-            start_anew_at: 2,
+            start_anew_at: 4,
             centroid_m,
             pos_m: on_ground(centroid_m),
             fix: nothing,
@@ -200,8 +200,8 @@ impl Tracked {
         };
         let mut best = descend(self.pos_m, &[loss]);
         if self.heard >= self.start_anew_at {
-            self.start_anew_at = 2 * self.heard;
-            let graduated = [16.0, 4.0, 1.0].map(|scale| Loss::new(cfg.robust, scale * noise));
+            self.start_anew_at = 3 * self.heard;
+            let graduated = [8.0, 1.0].map(|scale| Loss::new(cfg.robust, scale * noise));
             let found = starts(&user, cfg).into_iter().map(|start| descend(start, &graduated));
             best = found.fold(best, |best, other| if other.0 < best.0 { other } else { best });
         }

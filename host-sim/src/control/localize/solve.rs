@@ -48,8 +48,11 @@ pub(super) struct State<const D: usize> {
 }
 
 /// A group solved.
-pub(super) struct Solved {
+pub(super) struct Solved<const D: usize> {
     pub(super) answer: GroupAnswer,
+    pub(super) pos_m: Vec<[f64; D]>,
+    /// Offset of every clock at the first time, and its change over all of it.
+    pub(super) lines: Vec<(f64, f64)>,
     /// Robust cost at the minimum: less a constant, the negative logarithm of the likelihood.
     pub(super) cost: f64,
 }
@@ -74,7 +77,7 @@ fn solve_and_doubt<const D: usize>(problem: &Problem, cfg: &LocalizeConfig) -> G
 }
 
 /// Solves one group with `D` unknowns per user.
-pub(super) fn solve_blocks<const D: usize>(problem: &Problem, cfg: &LocalizeConfig) -> Solved {
+pub(super) fn solve_blocks<const D: usize>(problem: &Problem, cfg: &LocalizeConfig) -> Solved<D> {
     let mut solver = Solver::<D>::new(problem, cfg);
     let (state, converged) = solver.solve();
     let cost = solver.cost;
@@ -84,7 +87,13 @@ pub(super) fn solve_blocks<const D: usize>(problem: &Problem, cfg: &LocalizeConf
         let group = problem.clock_group;
         answer.warnings.push(format!("clock group {group}: not converged after {} steps", solver.iterations));
     }
-    Solved { answer, cost }
+    let last = state.grid.knots() - 1;
+    let line = |slot| {
+        let [first_ns, last_ns] = [0, last].map(|knot| state.clocks.offset_ns(knot, slot));
+        (first_ns, last_ns - first_ns)
+    };
+    let lines = (0..problem.drones.len()).map(line).collect();
+    Solved { answer, pos_m: state.pos_m, lines, cost }
 }
 
 /// A user lies within the coverage radius of the drones' centroid: as a standard deviation this moves a fix with
