@@ -170,7 +170,7 @@ mod tests {
     use crate::srs::clock::TickRate;
     use proptest::{collection::vec, prelude::*};
 
-    const HZ: u32 = 84_000_000;
+    const HZ: u64 = 84_000_000;
 
     fn oscillator() -> Oscillator {
         Oscillator {
@@ -332,8 +332,8 @@ mod tests {
         /// No edge, label or question, however wrong, overflows.
         #[test]
         fn survives_anything(
-            hz in 1..u32::MAX, tolerance_ppb: u32, wander_ppb_per_s in 0..1_000_000_u32, pulse_error_ns: u32,
-            events in vec((0..3_u8, prop_oneof![any::<i64>(), 0..10 * i64::from(HZ)], any::<i64>()), 0..200),
+            hz in 1..u64::from(u32::MAX), tolerance_ppb: u32, wander_ppb_per_s in 0..1_000_000_u32, pulse_error_ns: u32,
+            events in vec((0..3_u8, prop_oneof![any::<i64>(), 0..10 * HZ as i64], any::<i64>()), 0..200),
         ) {
             let rate = TickRate::new(hz).expect("not zero");
             let mut clock =

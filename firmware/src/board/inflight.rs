@@ -251,7 +251,7 @@ mod tests {
     const EPOCH_GPS_S: i64 = 1_400_000_000;
 
     fn board() -> Inflight {
-        let rate = TickRate::new(HZ as u32).expect("not zero");
+        let rate = TickRate::new(HZ as u64).expect("not zero");
         let oscillator = Oscillator { rate, tolerance_ppb: 50_000, wander_ppb_per_s: 5, pulse_error_ns: 100 };
         Inflight::new(oscillator, timer(0))
     }

@@ -29,7 +29,12 @@ pub struct Oscillator {
 impl Oscillator {
     /// Bound of the error of a captured pulse: the receiver's, and the tick it falls into.
     const fn edge_error_ns(&self) -> u64 {
-        self.pulse_error_ns as u64 + 1_000_000_000_u64.div_ceil(self.rate.hz() as u64)
+        self.pulse_error_ns as u64 + self.rate.tick_ps().div_ceil(1000)
+    }
+
+    /// Whole ticks a second.
+    fn hz(&self) -> i64 {
+        self.rate.ticks_in(TimePs(PS_PER_S))
     }
 
     const fn tolerance_ppb(&self) -> u64 {
@@ -78,10 +83,10 @@ pub struct Line {
 impl Line {
     /// The line of the nominal rate through a first pulse.
     #[must_use]
-    pub const fn through(ticks: i64, oscillator: &Oscillator) -> Self {
+    pub fn through(ticks: i64, oscillator: &Oscillator) -> Self {
         Self {
             phase: phase(ticks),
-            rate: (oscillator.rate.hz() as i64) << RATE_BITS,
+            rate: oscillator.hz() << RATE_BITS,
             second: 0,
             edges: 1,
             gap_s: 0,
@@ -128,7 +133,7 @@ impl Line {
         let n = (remembered + 1).min(i64::from(WINDOW));
         self.phase = predicted + residual * (2 * (2 * n - 1)) / (n * (n + 1));
         let rate = self.rate + (residual << (RATE_BITS - PHASE_BITS)) * 6 / (n * (n + 1) * seconds);
-        let nominal = i64::from(oscillator.rate.hz()) << RATE_BITS;
+        let nominal = oscillator.hz() << RATE_BITS;
         let most = nominal / 1_000_000_000 * 2 * oscillator.tolerance_ppb() as i64;
         self.rate = rate.clamp(nominal - most, nominal + most);
         self.second += seconds;
