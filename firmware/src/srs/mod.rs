@@ -7,6 +7,7 @@
 pub mod capture;
 pub mod clock;
 pub mod occasions;
+pub mod slots;
 pub mod tdoa;
 
 use crate::{
