@@ -84,6 +84,14 @@ impl TickRate {
         self.ps.get().div_ceil(self.ticks.get())
     }
 
+    /// Standard deviation of where in its tick an edge lies: a tick over sqrt(12). Saturates.
+    #[must_use]
+    pub const fn tick_sigma_ps(self) -> u32 {
+        // No tick is longer than a second; 0.2887 of one fits 64 bits with room, and 32 up to 14 ms.
+        let sigma = self.tick_ps() * 2887 / 10_000;
+        if sigma > u32::MAX as u64 { u32::MAX } else { sigma as u32 }
+    }
+
     /// Time of so many ticks, rounded down to the picosecond; saturates beyond ±106 days.
     ///
     /// Each call rounds once and none builds on another, so that nothing drifts.

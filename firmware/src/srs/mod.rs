@@ -6,6 +6,7 @@
 
 pub mod capture;
 pub mod clock;
+pub mod discipline;
 pub mod occasions;
 pub mod slots;
 pub mod tdoa;
