@@ -148,7 +148,7 @@ proptest! {
     fn is_like_new_whatever_it_has_lived_through(
         past in lifetime(),
         future in lifetime(),
-        hz in prop_oneof![Just(983_040_000_u32), Just(84_000_000)],
+        hz in prop_oneof![Just(983_040_000_u64), Just(84_000_000)],
     ) {
         let config = AgentConfig {
             boot_epoch: 7,

@@ -9,7 +9,8 @@ use skyroost_protocol::codec::encode_into;
 use skyroost_protocol::message::Up;
 use skyroost_protocol::units::DroneId;
 use skyroost_protocol::{
-    DecodeError, EncodeError, HEADER_LEN, MAX_BODY, MAX_FRAME, Sender, Stamp, TAG_LEN, decode,
+    DecodeError, EncodeError, HEADER_LEN, MAX_BODY, MAX_FRAME, PROTOCOL_VERSION, Sender, Stamp, TAG_LEN,
+    decode,
 };
 
 proptest! {
@@ -80,7 +81,7 @@ proptest! {
     #[test]
     fn survives_any_body(kind in 1..=3_u8, tag in 0..9_u8, noise in vec(any::<u8>(), 0..MAX_BODY)) {
         let body_len = (noise.len() + 1) as u16;
-        let mut bytes = vec![b'S', b'R', 1, kind, 0, 3, 0, 7, 0, 1, 0, 0, 0];
+        let mut bytes = vec![b'S', b'R', PROTOCOL_VERSION, kind, 0, 3, 0, 7, 0, 1, 0, 0, 0];
         bytes.extend(body_len.to_le_bytes());
         bytes.push(tag);
         bytes.extend(&noise);

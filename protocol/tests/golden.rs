@@ -60,7 +60,7 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (1, 0x3bc0_cb0a));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (2, 0x3c3a_7206));
     assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 204, 16, 235, 242));
 }
 
@@ -68,10 +68,10 @@ fn sizes_and_schema() {
 fn whole_frame() {
     let frame = encode(&STAMP, &Up::Heartbeat).expect("a frame holds every message");
     //                    magic version kind flags sender epoch sequence length body
-    let expected = bytes_of("5352   01    01   00   0300  0700  40e20100  0100   02");
+    let expected = bytes_of("5352   02    01   00   0300  0700  40e20100  0100   02");
     assert_eq!(&frame[..], expected);
     let header = Header {
-        version: 1,
+        version: 2,
         kind: Kind::Up,
         flags: 0,
         sender: DroneId(3),
@@ -84,7 +84,7 @@ fn whole_frame() {
 
 #[test]
 fn a_tagged_frame_is_understood_and_refused() {
-    let mut frame = bytes_of("5352 01 01 01 0300 0700 40e20100 0100 02");
+    let mut frame = bytes_of("5352 02 01 01 0300 0700 40e20100 0100 02");
     assert_eq!(frame[4], FLAG_TAG);
     assert_eq!(decode(&frame), Err(DecodeError::Truncated));
     frame.extend([0xaa; TAG_LEN]);
@@ -95,11 +95,11 @@ fn a_tagged_frame_is_understood_and_refused() {
 
 #[test]
 fn whole_stream_frame() {
-    // CRC-32 by Python's zlib.crc32: 0x5b04bc00; each COBS code counts to the next zero.
-    let frame = bytes_of("5352 01 01 00 0300 0700 40e20100 0100 02");
+    // CRC-32 by Python's zlib.crc32: 0x276599db; each COBS code counts to the next zero.
+    let frame = bytes_of("5352 02 01 00 0300 0700 40e20100 0100 02");
     let mut out = StreamFrame::new();
     encode_stream(&frame, &mut out).expect("a frame fits the link");
-    assert_eq!(&out[..], bytes_of("00 0553520101 0203 0207 0440e201 0201 0202 04bc045b 00"));
+    assert_eq!(&out[..], bytes_of("00 0553520201 0203 0207 0440e201 0201 0602db996527 00"));
 }
 
 /// Postcard's specification worked by hand, bit by bit.
@@ -127,8 +127,14 @@ fn truth_of_the_specification() {
     );
     // A byte is a byte, never a varint.
     up(
-        Up::Hello { version_min: 128, version_max: 255, schema_hash: 127, capture_tick_hz: 128 },
-        "00 80 ff 7f 8001",
+        Up::Hello {
+            version_min: 128,
+            version_max: 255,
+            schema_hash: 127,
+            capture_ticks: 128,
+            capture_ps: u64::MAX,
+        },
+        "00 80 ff 7f 8001 ffffffffffffffffff01",
     );
 }
 
@@ -137,7 +143,7 @@ fn truth_of_the_specification() {
 fn refuses_padded_varints() {
     let body_of = |body_hex: &str| {
         let body = bytes_of(body_hex);
-        let mut frame = bytes_of("5352 01 01 00 0300 0700 40e20100");
+        let mut frame = bytes_of("5352 02 01 00 0300 0700 40e20100");
         frame.extend((body.len() as u16).to_le_bytes());
         frame.extend(body);
         decode(&frame).map(|(_, message)| message)
@@ -154,9 +160,14 @@ fn refuses_padded_varints() {
 
 #[test]
 fn link_messages() {
-    let hello =
-        Up::Hello { version_min: 1, version_max: 2, schema_hash: 0xdead_beef, capture_tick_hz: 983_040_000 };
-    up(hello, "00 01 02 effdb6f50d 8080e0d403");
+    let hello = Up::Hello {
+        version_min: 1,
+        version_max: 2,
+        schema_hash: 0xdead_beef,
+        capture_ticks: 384,
+        capture_ps: 390_625,
+    };
+    up(hello, "00 01 02 effdb6f50d 8003 e1eb17");
     up(Up::Heartbeat, "02");
     down(Down::Welcome { version: 1, schema_hash: 0xdead_beef }, "00 01 effdb6f50d");
     down(Down::Heartbeat, "01");

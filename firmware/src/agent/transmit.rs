@@ -158,11 +158,13 @@ impl FlightAgent {
     }
 
     fn hello(&self) -> Up {
+        let (capture_ticks, capture_ps) = self.config.capture_rate.ratio();
         Up::Hello {
             version_min: MIN_PROTOCOL_VERSION,
             version_max: PROTOCOL_VERSION,
             schema_hash: SCHEMA_HASH,
-            capture_tick_hz: self.config.capture_rate.hz(),
+            capture_ticks,
+            capture_ps,
         }
     }
 

@@ -32,7 +32,7 @@ use skyroost_protocol::{
 };
 
 /// Version of the bus; with the radio's schema hash it says whether host and image understand each other.
-pub const BUS_VERSION: u16 = 1;
+pub const BUS_VERSION: u16 = 2;
 
 /// Most bytes of the radio in one message.
 pub const MAX_RADIO_PART: usize = 200;
@@ -95,7 +95,8 @@ pub struct Begin {
 pub struct WireConfig {
     id: DroneId,
     boot_epoch: u16,
-    capture_rate_hz: u32,
+    capture_ticks: u64,
+    capture_ps: u64,
     share_period: TimePs,
     max_speed_mps: f32,
     max_accel_mps2: f32,
@@ -121,10 +122,12 @@ impl From<&AgentConfig> for WireConfig {
             battery_low_permille,
             battery_critical_permille,
         } = supervisor;
+        let (capture_ticks, capture_ps) = capture_rate.ratio();
         Self {
             id,
             boot_epoch,
-            capture_rate_hz: capture_rate.hz(),
+            capture_ticks,
+            capture_ps,
             share_period,
             max_speed_mps,
             max_accel_mps2,
@@ -146,7 +149,7 @@ impl WireConfig {
         Some(AgentConfig {
             id: self.id,
             boot_epoch: self.boot_epoch,
-            capture_rate: TickRate::new(self.capture_rate_hz).ok()?,
+            capture_rate: TickRate::of_ticks(self.capture_ticks, self.capture_ps).ok()?,
             share_period: self.share_period,
             limits: FlightLimits {
                 max_speed_mps: self.max_speed_mps,
@@ -491,7 +494,7 @@ mod tests {
         config.limits.max_speed_mps = 3.25;
         config.supervisor.nav_lost_ms = 77;
         assert_eq!(WireConfig::from(&config).agent_config(), Some(config));
-        let still = WireConfig { capture_rate_hz: 0, ..WireConfig::from(&config) };
+        let still = WireConfig { capture_ticks: 0, ..WireConfig::from(&config) };
         assert_eq!(still.agent_config(), None);
     }
 

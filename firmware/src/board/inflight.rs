@@ -1,12 +1,11 @@
 //! A board in flight, without the hardware: edges and messages in, time and inputs of a step out.
 
 use super::autopilot::{FromAutopilot, Status};
-use super::gnss_clock::GnssClock;
-use super::pulse_line::Oscillator;
 use super::ticks::TickCounter;
 use super::triggers::{TriggerWindow, Triggers};
 use crate::counters::Counters;
 use crate::io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, NavFix, Outputs};
+use crate::srs::discipline::{GnssClock, Oscillator};
 use heapless::Vec;
 use skyroost_protocol::message::{AttachedUser, MAX_ATTACHED_PER_FRAME};
 use skyroost_protocol::units::{DroneId, TimePs};
@@ -124,7 +123,9 @@ impl Inflight {
     /// An edge, captured within half a wrap of the last reading.
     pub fn edge(&mut self, edge: Edge) {
         match edge {
-            Edge::Pulse(timer) => self.clock.edge(self.counter.extend(timer)),
+            Edge::Pulse(timer) => {
+                self.clock.edge(self.counter.extend(timer));
+            }
             Edge::Trigger(timer) => {
                 let at = self.clock.time_at(self.counter.extend(timer));
                 if let Some(capture) = self.triggers.edge(timer, at)
@@ -233,7 +234,7 @@ impl Inflight {
     pub fn describe(&self, status: &mut Status) {
         let clock = self.clock.counters();
         status.time_uncertainty_ns =
-            self.last.and_then(|(ticks, _)| self.clock.time_at(ticks)).map(|now| now.uncertainty_ns);
+            self.last.and_then(|(ticks, _)| self.clock.time_at(ticks)).map(|now| now.bound_ns());
         status.pulses = [clock.accepted, clock.rejected, clock.missed];
         status.set_triggers(self.triggers.counters());
     }
@@ -251,8 +252,14 @@ mod tests {
     const EPOCH_GPS_S: i64 = 1_400_000_000;
 
     fn board() -> Inflight {
-        let rate = TickRate::new(HZ as u32).expect("not zero");
-        let oscillator = Oscillator { rate, tolerance_ppb: 50_000, wander_ppb_per_s: 5, pulse_error_ns: 100 };
+        let rate = TickRate::new(HZ as u64).expect("not zero");
+        let oscillator = Oscillator {
+            rate,
+            tolerance_ppb: 50_000,
+            walk_ps: 0,
+            wander_fs_per_s2: 5_000_000,
+            pulse_ps: 60_000,
+        };
         Inflight::new(oscillator, timer(0))
     }
 

@@ -9,12 +9,9 @@ pub mod bus_mode;
 pub mod cadence;
 #[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
 pub mod fly;
-pub mod gnss_clock;
 pub mod grid;
 pub mod inflight;
 pub mod lockstep;
-pub mod pulse_line;
-pub mod second_label;
 #[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
 pub mod shell;
 pub mod ticks;

@@ -4,9 +4,9 @@
 //! nothing on that line says whose signal it was. The gates do: each opens when its user transmits, and
 //! stays open for as long as the signal may be under way.
 
-use super::gnss_clock::Reading;
 use crate::counters::Counters;
 use crate::io::{Capture, SrsGate};
+use crate::srs::discipline::Reading;
 use heapless::Vec;
 use skyroost_protocol::units::TimePs;
 
@@ -134,7 +134,7 @@ impl TriggerWindow {
     /// Whether a trigger at `edge` may be the signal that a user sent at `sent`.
     fn holds(&self, sent: TimePs, edge: &Reading) -> bool {
         let late_ns = |ns: u32| i64::from(ns);
-        let slack_ns = late_ns(self.user_error_ns) + late_ns(edge.uncertainty_ns);
+        let slack_ns = late_ns(self.user_error_ns) + late_ns(edge.bound_ns());
         let first_ns = late_ns(self.least_latency_ns) - slack_ns;
         let last_ns = late_ns(self.flight_ns) + late_ns(self.most_latency_ns) + slack_ns;
         let since_ps = edge.time.since(sent).0;
@@ -152,8 +152,8 @@ mod tests {
         SrsGate { occasion: OccasionId(occasion), user: UserId(1), at: TimePs::from_us(at_us), grant: false }
     }
 
-    fn at(ns: i64, uncertainty_ns: u32) -> Option<Reading> {
-        Some(Reading { time: TimePs(ns * 1000), uncertainty_ns })
+    fn at(ns: i64, bound_ns: u32) -> Option<Reading> {
+        Some(Reading { time: TimePs(ns * 1000), sigma_ps: bound_ns * 200 })
     }
 
     fn two_gates() -> Triggers {

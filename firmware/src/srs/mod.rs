@@ -6,7 +6,9 @@
 
 pub mod capture;
 pub mod clock;
+pub mod discipline;
 pub mod occasions;
+pub mod slots;
 pub mod tdoa;
 
 use crate::{
@@ -26,8 +28,8 @@ use tdoa::{OwnCapture, Pairing};
 /// A fleet mate's capture is waited for this long: several ways of the direct link.
 const MATES_WITHIN: TimePs = TimePs::from_ms(500);
 
-/// The timer is read this often at least, whatever its rate: well within half a wrap at 2 T_c.
-const EXTEND_EVERY: TimePs = TimePs::from_ms(500);
+/// The timer is read this often at least, whatever its rate: within half a wrap of ticks of 184 ps, 395 ms.
+const EXTEND_EVERY: TimePs = TimePs::from_ms(300);
 
 /// SRS side of the flight agent.
 #[derive(Clone, Debug)]
@@ -87,7 +89,7 @@ impl Srs {
         outputs: &mut Outputs,
         counters: &mut Counters,
     ) {
-        // The extension costs divisions, and nobody asks for it between captures; half a wrap is two seconds.
+        // The extension costs divisions, and nobody asks for it between captures.
         if !inputs.captures.is_empty() || now >= self.extend_due {
             self.extender.step(inputs.timer_ticks, now);
             self.extend_due = now.after(EXTEND_EVERY);

@@ -1,5 +1,6 @@
 //! Differences of arrival time, formed at the serving drone.
 
+use super::slots::Slots;
 use heapless::Vec;
 use skyroost_protocol::message::{CaptureEntry, MateTdoa, TdoaEntry, TdoaFlags};
 use skyroost_protocol::units::{DroneId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId};
@@ -52,20 +53,20 @@ impl PairingCounters {
 #[derive(Clone, Debug)]
 pub struct Pairing {
     /// In order of first capture.
-    pending: Vec<Pending, MAX_PENDING>,
+    pending: Slots<Pending, MAX_PENDING>,
     max_age: TimePs,
     counters: PairingCounters,
 }
 
 /// What is known of one occasion.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct Pending {
     occasion: OccasionId,
     /// When its first capture came.
-    since: TimePs,
+    since: Words,
     own: Option<Own>,
     /// By rising drone.
-    mates: Vec<Mate, MATES>,
+    mates: [Option<Mate>; MATES],
     reported: bool,
 }
 
@@ -73,7 +74,7 @@ struct Pending {
 #[derive(Clone, Copy, Debug)]
 struct Own {
     user: UserId,
-    time: TimePs,
+    time: Words,
     pos: PosEnuMm,
 }
 
@@ -81,15 +82,34 @@ struct Own {
 #[derive(Clone, Copy, Debug)]
 struct Mate {
     drone: DroneId,
-    toa: TimePs,
+    toa: Words,
     pos: PosEnuMm,
+}
+
+/// A time in two words: in its own type it would pad everything around it to eight bytes.
+#[derive(Clone, Copy, Debug)]
+struct Words([u32; 2]);
+
+impl Words {
+    const fn new(time: TimePs) -> Self {
+        Self([time.0 as u32, (time.0 >> 32) as u32])
+    }
+
+    const fn time(self) -> TimePs {
+        let Self([low, high]) = self;
+        TimePs((high as i64) << 32 | low as i64)
+    }
 }
 
 impl Pairing {
     /// An empty table that waits for the last capture of an occasion until `max_age` after the first.
     #[must_use]
     pub const fn new(max_age: TimePs) -> Self {
-        Self { pending: Vec::new(), max_age, counters: PairingCounters::new() }
+        Self {
+            pending: Slots::new(Pending::new(TimePs(0), OccasionId(0))),
+            max_age,
+            counters: PairingCounters::new(),
+        }
     }
 
     /// Forgets everything, the counts included.
@@ -111,20 +131,17 @@ impl Pairing {
             count(&mut self.counters.duplicates, 1);
         } else {
             let OwnCapture { user, time, pos, .. } = capture;
-            pending.own = Some(Own { user, time, pos });
+            pending.own = Some(Own { user, time: Words::new(time), pos });
         }
     }
 
     /// Takes a capture of a fleet mate.
     pub fn mate(&mut self, now: TimePs, drone: DroneId, capture: &CaptureEntry) {
         let Some(pending) = self.entry(now, capture.occasion) else { return };
-        let known = pending.mates.iter().any(|mate| mate.drone == drone);
-        let mate = Mate { drone, toa: capture.toa, pos: capture.pos };
-        if known || pending.mates.push(mate).is_err() {
+        let mate = Mate { drone, toa: Words::new(capture.toa), pos: capture.pos };
+        if !pending.hear(mate) {
             count(&mut self.counters.duplicates, 1);
-            return;
         }
-        pending.mates.sort_unstable_by_key(|mate| mate.drone);
     }
 
     /// Hands over every occasion that is complete or due, oldest first.
@@ -143,7 +160,7 @@ impl Pairing {
             if entry.is_some() {
                 return true;
             }
-            let due = now.since(pending.since) >= *max_age;
+            let due = now.since(pending.since.time()) >= *max_age;
             if !pending.reported && (due || pending.is_complete()) {
                 entry = pending.settle(counters);
             }
@@ -154,46 +171,52 @@ impl Pairing {
 
     /// The entry of an occasion, new if need be.
     fn entry(&mut self, now: TimePs, occasion: OccasionId) -> Option<&mut Pending> {
-        let at = self.pending.iter().position(|pending| pending.occasion == occasion);
-        if at.is_none() {
-            if self.pending.is_full() {
-                self.evict();
-            }
-            self.pending.push(Pending::new(now, occasion)).ok()?;
+        if let Some(age) = self.pending.position(|pending| pending.occasion == occasion) {
+            return self.pending.get_mut(age);
         }
-        match at {
-            Some(at) => self.pending.get_mut(at),
-            None => self.pending.last_mut(),
+        if self.pending.is_full() {
+            self.evict();
         }
+        self.pending.push(Pending::new(now, occasion))
     }
 
     /// Makes room: the oldest occasion goes, of those already reported if there is one.
     fn evict(&mut self) {
-        let reported = self.pending.iter().position(|pending| pending.reported);
+        let reported = self.pending.position(|pending| pending.reported);
         if reported.is_none() {
             count(&mut self.counters.evicted, 1);
         }
-        let victim = reported.unwrap_or(0);
-        if victim < self.pending.len() {
-            self.pending.remove(victim); // in one move, where `retain` looks at each
-        }
+        self.pending.remove(reported.unwrap_or(0));
     }
 }
 
 impl Pending {
     const fn new(now: TimePs, occasion: OccasionId) -> Self {
-        Self { occasion, since: now, own: None, mates: Vec::new(), reported: false }
+        Self { occasion, since: Words::new(now), own: None, mates: [None; MATES], reported: false }
     }
 
-    fn is_complete(&self) -> bool {
-        self.own.is_some() && self.mates.is_full()
+    /// Takes a mate's capture; false when it has captured this before, or both mates have.
+    fn hear(&mut self, mate: Mate) -> bool {
+        match &mut self.mates {
+            [first @ None, _] => *first = Some(mate),
+            [Some(first), second @ None] if first.drone < mate.drone => *second = Some(mate),
+            [Some(first), second @ None] if first.drone > mate.drone => {
+                *second = Some(core::mem::replace(first, mate));
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    const fn is_complete(&self) -> bool {
+        self.own.is_some() && matches!(self.mates, [Some(_), Some(_)])
     }
 
     /// Forms the differences there are and counts those there are not. Nothing to report without a
     /// single one.
     fn settle(&mut self, counters: &mut PairingCounters) -> Option<TdoaEntry> {
         self.reported = true;
-        let formed = self.mates.len() as u32;
+        let formed = self.mates.iter().flatten().count() as u32;
         let Some(own) = self.own else {
             count(&mut counters.stale, formed);
             return None;
@@ -201,15 +224,16 @@ impl Pending {
         count(&mut counters.hits, formed);
         count(&mut counters.misses, MATES as u32 - formed);
         let mut mates = Vec::new();
-        for mate in &self.mates {
-            let (tdoa, flags) = difference(mate.toa, own.time);
+        for mate in self.mates.iter().flatten() {
+            let (tdoa, flags) = difference(mate.toa.time(), own.time.time());
             count(&mut counters.saturated, u32::from(flags.contains(TdoaFlags::SATURATED)));
             mates.push(MateTdoa { drone: mate.drone, tdoa, pos: mate.pos, flags }).ok()?;
         }
         if mates.is_empty() {
             return None;
         }
-        Some(TdoaEntry { occasion: self.occasion, user: own.user, time: own.time, pos: own.pos, mates })
+        let Own { user, time, pos } = own;
+        Some(TdoaEntry { occasion: self.occasion, user, time: time.time(), pos, mates })
     }
 }
 

@@ -46,7 +46,7 @@ pub(super) struct Drone {
     pub(super) wind: Wind,
     pub(super) gnss: Gnss,
     pub(super) battery: Battery,
-    pub(super) tick_hz: u32,
+    pub(super) tick_hz: u64,
     pub(super) error_radius_m: f32,
     pub(super) radius_m: f64,
     /// Gates open or about to be.
@@ -69,7 +69,7 @@ pub(super) struct Parts {
     pub(super) wind: Wind,
     pub(super) gnss: Gnss,
     pub(super) battery: Battery,
-    pub(super) tick_hz: u32,
+    pub(super) tick_hz: u64,
     pub(super) error_radius_m: f64,
     pub(super) radius_m: f64,
 }

@@ -55,14 +55,14 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         "a name for the results".to_owned()
     })?;
 
-    let whole = |field: &str, value: u32, bounds: RangeInclusive<u32>| {
+    let whole = |field: &str, value: u64, bounds: RangeInclusive<u64>| {
         require(bounds.contains(&value), source, field, value, || {
             format!("{} to {}", bounds.start(), bounds.end())
         })
     };
-    whole("fleet.drones", fleet.drones, 1..=u32::from(MAX_DRONES))?;
-    whole("srs.tick_hz", srs.tick_hz, 1_000_000..=u32::MAX)?;
-    whole("srs.max_per_second", srs.max_per_second, 1..=10_000)?;
+    whole("fleet.drones", fleet.drones.into(), 1..=u64::from(MAX_DRONES))?;
+    whole("srs.tick_hz", srs.tick_hz, 1_000_000..=10_000_000_000)?;
+    whole("srs.max_per_second", srs.max_per_second.into(), 1..=10_000)?;
 
     for (field, value, max) in [
         ("area.width_m", area.width_m, MAX_LENGTH_M),

@@ -204,7 +204,7 @@ pub struct SrsTable {
     /// Standard deviation of a captured arrival time.
     pub sigma_toa_ns: f64,
     /// Ticks a second of the capture timer; 983.04 MHz is a tick of 2 T_c (TS 38.211 4.1).
-    pub tick_hz: u32,
+    pub tick_hz: u64,
     /// Fraction of captures that are late because the direct path was blocked (NLOS).
     pub nlos_fraction: f64,
     /// Least lateness of such a capture.

@@ -13,7 +13,7 @@ use serde::Deserialize;
 
 /// Rate of the capture counter: ticks of 2 Tc = 1.017 ns, the report mapping k = 1 of 3GPP TS 38.133, 13.1
 /// (Tc = 1 / (480 kHz * 4096), TS 38.211, 4.1).
-pub const CAPTURE_TICK_HZ: u32 = 983_040_000;
+pub const CAPTURE_TICK_HZ: u64 = 983_040_000;
 
 /// Grid on which the random walk is drawn.
 const GRID_PS: i64 = 100_000_000_000;
@@ -121,7 +121,7 @@ impl Clock {
     ///
     /// # Panics
     /// As [`Clock::error_ps`].
-    pub fn ticks(&mut self, true_ps: i64, tick_hz: u32) -> u64 {
+    pub fn ticks(&mut self, true_ps: i64, tick_hz: u64) -> u64 {
         ticks_of_ps(self.local_ps(true_ps), tick_hz) as u64
     }
 
@@ -133,10 +133,10 @@ impl Clock {
 }
 
 /// floor(`local_ps` * `tick_hz` / 10^12), exactly: a long division in base 10^6 whose every step fits 64
-/// bits (an i128 division would cost ten times as much).
-fn ticks_of_ps(local_ps: i64, tick_hz: u32) -> i64 {
+/// bits up to 10 GHz (an i128 division would cost ten times as much).
+fn ticks_of_ps(local_ps: i64, tick_hz: u64) -> i64 {
     const MILLION: i64 = 1_000_000;
-    let hz = i64::from(tick_hz);
+    let hz = tick_hz as i64;
     let (us, ps) = (local_ps.div_euclid(MILLION), local_ps.rem_euclid(MILLION));
     let (s, us) = (us.div_euclid(MILLION), us.rem_euclid(MILLION));
     let in_us = us * hz;
@@ -242,7 +242,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn truth_ticks_are_the_exact_floor(local_ps in -1_000_000_000_i64..24_000 * S, tick_hz: u32) {
+        fn truth_ticks_are_the_exact_floor(local_ps in -1_000_000_000_i64..24_000 * S, tick_hz in 1..=10_000_000_000_u64) {
             let exact = (i128::from(local_ps) * i128::from(tick_hz)).div_euclid(i128::from(S));
             prop_assert_eq!(i128::from(ticks_of_ps(local_ps, tick_hz)), exact);
         }

@@ -45,7 +45,7 @@ macro_rules! varints {
     )*};
 }
 
-varints!(u16, u32, i16, i32, i64);
+varints!(u16, u32, u64, i16, i32, i64);
 
 impl<T: Layout, const N: usize> Layout for [T; N] {
     const MAX_LEN: usize = N * T::MAX_LEN;

@@ -22,8 +22,11 @@ wire! {
             version_max: u8,
             /// Hash over the shapes of all messages: equal hashes read each other's bytes.
             schema_hash: u32,
-            /// Ticks a second of the drone's SRS capture timer.
-            capture_tick_hz: u32,
+            /// Ticks of the drone's SRS capture timer in `capture_ps` picoseconds: a ratio, since neither of the two
+            /// need be whole a second or a tick.
+            capture_ticks: u64,
+            /// The time that `capture_ticks` take, picoseconds.
+            capture_ps: u64,
         },
         /// Answer to every command, once executed or refused.
         CommandAck {

@@ -114,12 +114,13 @@ fn event() -> impl Strategy<Value = Up> {
 
 /// Any message of a drone to the control center.
 pub(crate) fn up() -> impl Strategy<Value = Up> {
-    let hello = (any::<[u8; 2]>(), any::<u32>(), any::<u32>()).prop_map(
-        |([version_min, version_max], schema_hash, capture_tick_hz)| Up::Hello {
+    let hello = (any::<[u8; 2]>(), any::<u32>(), any::<[u64; 2]>()).prop_map(
+        |([version_min, version_max], schema_hash, [capture_ticks, capture_ps])| Up::Hello {
             version_min,
             version_max,
             schema_hash,
-            capture_tick_hz,
+            capture_ticks,
+            capture_ps,
         },
     );
     prop_oneof![

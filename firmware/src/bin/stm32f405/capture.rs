@@ -18,7 +18,7 @@ use embassy_sync::channel::Channel;
 use skyroost_firmware::board::inflight::Edge;
 
 /// Rate of the timer with the clock tree of this board.
-pub(crate) const RATE_HZ: u32 = 84_000_000;
+pub(crate) const RATE_HZ: u64 = 84_000_000;
 
 /// All three pins are channels of TIM2 as alternate function 1 (data sheet DS8626, table 9).
 const TIM2_PINS: u8 = 1;

@@ -13,11 +13,11 @@ use skyroost_firmware::board::bus_mode::BusMode;
 use skyroost_firmware::board::cadence::GUIDANCE_PERIOD_US;
 use skyroost_firmware::board::grid::{Grid, Waking};
 use skyroost_firmware::board::inflight::Inflight;
-use skyroost_firmware::board::pulse_line::Oscillator;
 use skyroost_firmware::board::shell::Shell;
 use skyroost_firmware::config::AgentConfig;
 use skyroost_firmware::io::{Outputs, SrsGate};
 use skyroost_firmware::srs::clock::TickRate;
+use skyroost_firmware::srs::discipline::Oscillator;
 use skyroost_protocol::codec::Frame;
 use skyroost_protocol::stream::{StreamFrame, encode_stream};
 use skyroost_protocol::units::TimePs;
@@ -31,11 +31,16 @@ const TIMER_RATE: TickRate = match TickRate::new(capture::RATE_HZ) {
     Err(_) => unreachable!(),
 };
 
-/// What the board's crystal and a timing receiver may do wrong: 20 ppm at 25 °C and as much over
-/// temperature with some of age, half a ppm a kelvin at a hundredth of a kelvin a second; a pulse within
-/// 60 ns in 99 of 100 seconds (u-blox M8, time pulse accuracy), and some of the antenna's cable.
-const OSCILLATOR: Oscillator =
-    Oscillator { rate: TIMER_RATE, tolerance_ppb: 50_000, wander_ppb_per_s: 5, pulse_error_ns: 100 };
+/// What the board's crystal and a timing receiver do wrong: 20 ppm at 25 °C and as much over temperature with
+/// some of age; a nanosecond over a second; half a ppm a kelvin at a hundredth of a kelvin a second; a pulse
+/// within 60 ns in 99 of 100 seconds (u-blox M8, time pulse accuracy), and twice that for antenna and cable.
+const OSCILLATOR: Oscillator = Oscillator {
+    rate: TIMER_RATE,
+    tolerance_ppb: 50_000,
+    walk_ps: 1_000,
+    wander_fs_per_s2: 5_000_000,
+    pulse_ps: 60_000,
+};
 
 /// The baseband listens this long before a transmission,
 const GATE_EARLY: TimePs = TimePs::from_us(100);

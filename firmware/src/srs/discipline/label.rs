@@ -8,7 +8,7 @@ const VOTES_TO_CHANGE: u8 = 30;
 
 /// The number of the second that a clock's own count began with, voted by the labels of a receiver.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct SecondLabel {
+pub(super) struct SecondLabel {
     offset_s: Option<i64>,
     candidate_s: i64,
     votes: u8,
@@ -16,19 +16,17 @@ pub struct SecondLabel {
 
 impl SecondLabel {
     /// Nothing known.
-    #[must_use]
-    pub const fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self { offset_s: None, candidate_s: 0, votes: 0 }
     }
 
     /// Seconds from the clock's own count to the receiver's, once known.
-    #[must_use]
-    pub const fn offset_s(&self) -> Option<i64> {
+    pub(super) const fn offset_s(&self) -> Option<i64> {
         self.offset_s
     }
 
     /// A label votes for an offset. Says whether the offset in use was set or changed by it.
-    pub fn vote(&mut self, offset_s: i64) -> bool {
+    pub(super) fn vote(&mut self, offset_s: i64) -> bool {
         if self.offset_s == Some(offset_s) {
             self.votes = 0;
             return false;
