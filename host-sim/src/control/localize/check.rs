@@ -198,7 +198,12 @@ impl<'a, const D: usize> OneUser<'a, D> {
     }
 
     fn cost(&self, p: [f64; D]) -> f64 {
-        self.linearise(p, &Loss::new(self.cfg.robust, 1.0), 1).fit.cost
+        self.cost_of(p, 1)
+    }
+
+    /// Cost by every `stride`-th occasion.
+    fn cost_of(&self, p: [f64; D], stride: usize) -> f64 {
+        self.linearise(p, &Loss::new(self.cfg.robust, 1.0), stride).fit.cost
     }
 
     /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion.
@@ -241,7 +246,9 @@ impl<'a, const D: usize> OneUser<'a, D> {
             return false;
         }
         let stride = (self.user.span.len() / GLANCE).max(1);
-        if !far(self.descend(mirrored, stride)) {
+        let glance = self.descend(mirrored, stride);
+        // Worse already by what some of the occasions say, and the others will say the same.
+        if !far(glance) || self.cost_of(glance, stride) > self.cost_of(p, stride) + COMPARABLE_COST {
             return false;
         }
         let rival = self.descend(mirrored, 1);

@@ -4,8 +4,8 @@
 //! user is fitted alone, with the clocks carried on. A filter that folds each occasion into a mean and a covariance
 //! diverges at low altitude, where the first occasions leave the position open and the geometry curves. So each
 //! user keeps some occasions, spread over all that it was heard in, and the fit is made anew from those when they have
-//! grown: it can still change its mind, and its cost is bounded. From time to time
-//! further starts are tried.
+//! grown: it can still change its mind, and its cost is bounded. A fit that
+//! explains them badly is tried from further starts.
 
 use std::collections::BTreeMap;
 
@@ -24,6 +24,8 @@ use super::solve::position_prior;
 const KEPT: usize = 64;
 /// A user is fitted again when its occasions have grown by this factor: fewer say nothing new.
 const GROWTH: f64 = 1.25;
+/// Robust cost of an occasion beyond which a fit is doubted; a true one costs 1, and some more for late captures.
+const DOUBTFUL_COST: f64 = 2.5;
 /// Steps of a fit at each scale of the noise.
 const STEPS: usize = 2;
 /// What a solved clock is worth where it was solved, nanoseconds.
@@ -199,8 +201,9 @@ impl Tracked {
             (block(p, &losses[losses.len() - 1]).fit.cost, p)
         };
         let mut best = descend(self.pos_m, &[loss]);
-        if self.heard >= self.start_anew_at {
-            self.start_anew_at = 3 * self.heard;
+        let doubtful = best.0 > DOUBTFUL_COST * (2.0 + self.kept.len() as f64);
+        if doubtful && self.heard >= self.start_anew_at {
+            self.start_anew_at = 2 * self.heard;
             let graduated = [8.0, 1.0].map(|scale| Loss::new(cfg.robust, scale * noise));
             let found = starts(&user, cfg).into_iter().map(|start| descend(start, &graduated));
             best = found.fold(best, |best, other| if other.0 < best.0 { other } else { best });
