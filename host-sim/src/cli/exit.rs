@@ -1,5 +1,6 @@
 //! What went wrong and the exit status it has.
 
+use super::locate::LocateFailure;
 use super::output::OutputError;
 use super::sweep::SweepFailure;
 use crate::runner::{InputError, RunError};
@@ -61,6 +62,9 @@ pub(super) enum Failure {
     /// There is no plan of the sweep.
     #[error(transparent)]
     Sweep(#[from] SweepFailure),
+    /// Nothing can be located.
+    #[error(transparent)]
+    Locate(#[from] LocateFailure),
     /// The result files cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -79,9 +83,11 @@ impl Failure {
     /// The exit status it has.
     pub(super) const fn exit(&self) -> Exit {
         match self {
-            Self::Run(RunError::BadInput(_)) | Self::Usage(_) | Self::Output(_) | Self::Stdout(_) => {
-                Exit::BadInput
-            }
+            Self::Run(RunError::BadInput(_))
+            | Self::Usage(_)
+            | Self::Locate(_)
+            | Self::Output(_)
+            | Self::Stdout(_) => Exit::BadInput,
             Self::Sweep(failure) => failure.exit(),
             Self::Run(RunError::Infeasible(_)) => Exit::Infeasible,
             Self::Run(RunError::Link(_)) => Exit::Link,

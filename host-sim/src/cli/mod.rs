@@ -2,19 +2,23 @@
 //!
 //! - `mission`: flies a whole mission,
 //! - `sweep`: plans a sweep,
+//! - `locate`: locates users from recorded captures,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
 //! - `console`: results to stdout, logs and progress to stderr,
 //! - `interrupt`: Ctrl-C and SIGTERM as a flag,
+//! - `values`: values of options,
 //! - `exit`: what went wrong and the exit status it has.
 
 mod console;
 mod exit;
 mod inputs;
 mod interrupt;
+mod locate;
 mod mission;
 mod output;
 mod sweep;
+mod values;
 
 use clap::{Parser, Subcommand};
 use console::Console;
@@ -45,6 +49,7 @@ struct Cli {
 enum Command {
     Mission(Box<mission::MissionArgs>),
     Sweep(Box<sweep::SweepArgs>),
+    Locate(locate::LocateArgs),
 }
 
 /// Runs the command line of this process and returns its exit status.
@@ -62,6 +67,7 @@ pub fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Mission(args) => mission::run(args),
         Command::Sweep(args) => sweep::run(args),
+        Command::Locate(args) => locate::run(args),
     };
     let exit = result.unwrap_or_else(|failure| {
         Console::error(&failure);

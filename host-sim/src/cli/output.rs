@@ -102,6 +102,19 @@ impl Drop for OutputDir {
     }
 }
 
+/// Files on their way into a directory.
+pub(super) fn staged(
+    option: &'static str,
+    dir: &Path,
+    files: &[(String, String)],
+) -> Result<OutputDir, OutputError> {
+    let mut output = OutputDir::prepare(option, dir)?;
+    for (name, text) in files {
+        output.stage(name, |file| -> io::Result<()> { file.write_all(text.as_bytes()) })?;
+    }
+    Ok(output)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

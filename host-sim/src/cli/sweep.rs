@@ -1,14 +1,14 @@
 //! `skyroost sweep`: plans how fleets sweep an area, and writes it for scripts, maps and autopilots.
 
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use thiserror::Error;
 
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use super::output::{OutputDir, OutputError};
+use super::output::{OutputDir, staged};
+use super::values::{lon_lat, not_negative, pair, positive};
 use crate::control::air_to_ground::{AirToGround, Environment, ServedDisk};
 use crate::control::area::{Area, AreaError};
 use crate::control::sweep::{self, SplitMode, SweepError, SweepPlan, SweepRequest};
@@ -170,35 +170,6 @@ impl From<Surroundings> for Environment {
     }
 }
 
-fn number(text: &str, good: impl Fn(f64) -> bool, expected: &str) -> Result<f64, String> {
-    let found = text.trim().parse().ok();
-    found.filter(|x: &f64| x.is_finite() && good(*x)).ok_or_else(|| format!("expected {expected}"))
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    number(text, |x| x > 0.0, "a finite number above 0")
-}
-
-fn not_negative(text: &str) -> Result<f64, String> {
-    number(text, |x| x >= 0.0, "a finite number, 0 or more")
-}
-
-fn pair(text: &str) -> Result<[f64; 2], String> {
-    let expected = "expected two finite numbers with a comma between them";
-    let (x, y) = text.split_once(',').ok_or(expected)?;
-    Ok([
-        number(x, |_| true, expected).map_err(|_| expected)?,
-        number(y, |_| true, expected).map_err(|_| expected)?,
-    ])
-}
-
-fn lon_lat(text: &str) -> Result<[f64; 2], String> {
-    pair(text)
-        .ok()
-        .filter(|[lon, lat]| lon.abs() <= 180.0 && lat.abs() < 90.0)
-        .ok_or_else(|| "expected longitude and latitude in degrees with a comma between them".to_owned())
-}
-
 /// Why there is no plan.
 #[derive(Debug, Error)]
 pub(crate) enum SweepFailure {
@@ -352,15 +323,6 @@ pub(super) fn run(args: &SweepArgs) -> Result<Exit, Failure> {
     outputs.into_iter().try_for_each(OutputDir::commit)?;
     Console::print(&if args.json { report.to_json() } else { text_for_people(&report, args) })?;
     Ok(Exit::Ok)
-}
-
-/// Files on their way into a directory.
-fn staged(option: &'static str, dir: &Path, files: &[(String, String)]) -> Result<OutputDir, OutputError> {
-    let mut output = OutputDir::prepare(option, dir)?;
-    for (name, text) in files {
-        output.stage(name, |file| -> io::Result<()> { file.write_all(text.as_bytes()) })?;
-    }
-    Ok(output)
 }
 
 /// The figures, and where the files lie.

@@ -3,9 +3,11 @@
 pub mod air_to_ground;
 pub mod area;
 pub mod assign;
+pub mod captures;
 pub mod localize;
 pub mod mission;
 pub mod place;
+mod quoted;
 pub mod relay;
 pub mod srs_schedule;
 pub mod sweep;

@@ -1,7 +1,11 @@
 //! What a run leaves for people to look at.
 
+mod earth;
+pub(crate) mod figures;
 pub mod html;
 pub mod limits;
+pub mod locate;
+mod map;
 pub mod summary;
 mod summary_text;
 pub mod sweep;

@@ -81,11 +81,11 @@ pub fn write_trajectory(recording: &Recording, out: impl Write) -> Result<(), cs
 }
 
 /// The parts of something that may be missing.
-fn split<const N: usize>(parts: Option<[f64; N]>) -> [Option<f64>; N] {
+pub(super) fn split<const N: usize>(parts: Option<[f64; N]>) -> [Option<f64>; N] {
     parts.map_or([None; N], |parts| parts.map(Some))
 }
 
-fn decimals(value: Option<f64>, places: usize) -> String {
+pub(super) fn decimals(value: Option<f64>, places: usize) -> String {
     value.map_or_else(String::new, |value| format!("{value:.places$}"))
 }
 

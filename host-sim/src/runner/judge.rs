@@ -14,9 +14,12 @@ use crate::{
         region::{Part, Region},
     },
     recording::{PlacementRecord, Recording, SubAreaRecord, UserRecord},
-    report::summary::{
-        BoardSummary, LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary, PunctualitySummary,
-        SafetySummary, Summary, SweepSummary,
+    report::{
+        figures::{quantile, status_name},
+        summary::{
+            BoardSummary, LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary,
+            PunctualitySummary, SafetySummary, Summary, SweepSummary,
+        },
     },
 };
 use skyroost_protocol::{
@@ -360,17 +363,6 @@ impl<'a> Users<'a> {
     }
 }
 
-/// A status as results spell it.
-fn status_name(status: FixStatus) -> &'static str {
-    match status {
-        FixStatus::Ok => "ok",
-        FixStatus::Ambiguous => "ambiguous",
-        FixStatus::PoorGeometry => "poor_geometry",
-        FixStatus::Inconsistent => "inconsistent",
-        FixStatus::NotLocated => "not_located",
-    }
-}
-
 fn nearest_within(pos_m: V2, radius_m: f64, sites: &[DroneSite]) -> Option<u16> {
     let distance = |site: &DroneSite| (site.pos_m - pos_m).norm();
     let nearest = sites.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
@@ -379,10 +371,4 @@ fn nearest_within(pos_m: V2, radius_m: f64, sites: &[DroneSite]) -> Option<u16> 
 
 fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
-}
-
-/// Quantile of sorted values, the lower of two neighbours.
-fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let last = sorted.len().checked_sub(1)?;
-    sorted.get((last as f64 * share) as usize).copied()
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+pub(super) use crate::control::quoted::quoted;
 use crate::geometry::polygon::PolygonError;
 use crate::geometry::region::RegionError;
 
@@ -88,15 +89,6 @@ impl Fault {
             Self::Region(source) => AreaError::Region { file, source },
         }
     }
-}
-
-/// A text from a file as a message shows it: in quotes, control characters escaped, cut where it is long.
-pub(super) fn quoted(text: &str) -> String {
-    let mut short: String = text.chars().take(60).collect();
-    if short.len() < text.len() {
-        short.push_str("...");
-    }
-    format!("{short:?}")
 }
 
 /// Several things by their names, the first few of them.

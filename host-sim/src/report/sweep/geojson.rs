@@ -1,26 +1,13 @@
 //! A sweep for maps: GeoJSON (RFC 7946), WGS84.
 //!
 //! Every feature says what it is by `kind`: `sub_area` and `lanes` of a fleet, `no_fly`, `uncovered`, `pad`.
-//! Edges are those of the local frame, cut where a line straight in degrees would leave them by more than
-//! centimetres. What lies across the 180th meridian is cut there in two, as RFC 7946 (3.1.9) asks for.
 
-use i_overlay::core::{fill_rule::FillRule, overlay_rule::OverlayRule};
-use i_overlay::float::single::SingleFloatOverlay;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::SweepReport;
-use crate::geometry::V2;
 use crate::geometry::frame::LocalFrame;
 use crate::geometry::region::Part;
-
-/// A longer edge is cut in pieces: over this a line straight in degrees is off by `s^2 tan(lat) / 8 r`, which is
-/// 2 cm at 50 degrees.
-const EDGE_M: f64 = 1_000.0;
-/// Decimals of a degree: a tenth of a millimetre.
-const DECIMALS: f64 = 1e9;
-
-type Position = [f64; 2];
-type Rings = Vec<Vec<Position>>;
+use crate::report::earth::{Earth, collection, feature};
 
 /// See [`SweepReport::to_geojson`].
 pub(super) fn render(report: &SweepReport, frame: &LocalFrame) -> String {
@@ -41,9 +28,8 @@ pub(super) fn render(report: &SweepReport, frame: &LocalFrame) -> String {
             "duration_s": sub_area.duration_s, "altitude_m": report.altitude_m, "speed_mps": report.request.speed_mps,
         });
         features.push(feature(earth.line(&sub_area.path_m), properties));
-        let pad = earth.degrees(report.pads.centre_m(sub_area.fleet));
-        let point = json!({ "type": "Point", "coordinates": rounded(turned(pad)) });
-        features.push(feature(point, json!({ "kind": "pad", "fleet": fleet })));
+        let pad = earth.point(report.pads.centre_m(sub_area.fleet));
+        features.push(feature(pad, json!({ "kind": "pad", "fleet": fleet })));
     }
     for (zone, polygon) in (1..).zip(report.area.region.no_fly()) {
         let area = earth.area(vec![vec![polygon.vertices_m().to_vec()]]);
@@ -54,129 +40,5 @@ pub(super) fn render(report: &SweepReport, frame: &LocalFrame) -> String {
         let properties = json!({ "kind": "uncovered", "covered_fraction": report.plan.covered_fraction });
         features.push(feature(earth.area(parts), properties));
     }
-    let mut text = json!({ "type": "FeatureCollection", "features": features }).to_string();
-    text.push('\n');
-    text
-}
-
-#[expect(clippy::needless_pass_by_value, reason = "both become part of the feature")]
-fn feature(geometry: Value, properties: Value) -> Value {
-    json!({ "type": "Feature", "geometry": geometry, "properties": properties })
-}
-
-struct Earth<'a> {
-    frame: &'a LocalFrame,
-}
-
-impl Earth<'_> {
-    /// Longitude and latitude, the longitude less than half a turn from the origin's: possibly beyond 180 degrees.
-    fn degrees(&self, point_m: V2) -> Position {
-        let [lon_deg, lat_deg] = self.frame.to_lon_lat_deg(point_m);
-        let [origin_deg, _] = self.frame.origin_lon_lat_deg();
-        [origin_deg + (lon_deg - origin_deg + 180.0).rem_euclid(360.0) - 180.0, lat_deg]
-    }
-
-    /// Points with no edge too long between them.
-    fn edges(&self, points_m: &[V2]) -> Vec<Position> {
-        let last = points_m.last().map(|&p| self.degrees(p));
-        let piece = |w: &[V2]| {
-            let (from, step) = (w[0], w[1] - w[0]);
-            let pieces = (step.norm() / EDGE_M).ceil().max(1.0) as u32;
-            (0..pieces).map(move |k| from + step * (f64::from(k) / f64::from(pieces))).collect::<Vec<_>>()
-        };
-        points_m.windows(2).flat_map(piece).map(|p| self.degrees(p)).chain(last).collect()
-    }
-
-    /// A line, or several where it crosses the 180th meridian; a point flown at is a line of no length.
-    fn line(&self, points_m: &[V2]) -> Value {
-        let whole = match points_m {
-            [only] => vec![self.degrees(*only); 2],
-            _ => self.edges(points_m),
-        };
-        let mut lines: Vec<Vec<Position>> = Vec::new();
-        let mut current: Vec<Position> = Vec::new();
-        for point in whole {
-            if let Some(&before) = current.last()
-                && let Some(at) = crossing(before, point)
-            {
-                // Each of the two lines ends at the meridian as its own side calls it.
-                current.push(at);
-                lines.push(std::mem::take(&mut current));
-                current.push(at);
-            }
-            current.push(point);
-        }
-        lines.push(current);
-        let mut lines: Vec<Vec<Position>> = lines
-            .iter()
-            .filter(|line| line.len() > 1)
-            .map(|line| {
-                let turns = turns_of(line);
-                line.iter().map(|&[lon, lat]| rounded([lon - 360.0 * turns, lat])).collect()
-            })
-            .collect();
-        match lines.len() {
-            1 => json!({ "type": "LineString", "coordinates": lines.remove(0) }),
-            _ => json!({ "type": "MultiLineString", "coordinates": lines }),
-        }
-    }
-
-    /// Polygons, each its outer ring and its holes; outer rings anticlockwise, holes clockwise, closed.
-    fn area(&self, parts_m: Vec<Vec<Vec<V2>>>) -> Value {
-        let ring = |mut ring_m: Vec<V2>| {
-            ring_m.extend(ring_m.first().copied());
-            self.edges(&ring_m)
-        };
-        let parts = parts_m.into_iter().map(|part| part.into_iter().map(ring).collect::<Rings>());
-        let mut polygons: Vec<Rings> = parts.flat_map(cut_at_180).collect();
-        for position in polygons.iter_mut().flatten().flatten() {
-            *position = rounded(*position);
-        }
-        match polygons.len() {
-            1 => json!({ "type": "Polygon", "coordinates": polygons.remove(0) }),
-            _ => json!({ "type": "MultiPolygon", "coordinates": polygons }),
-        }
-    }
-}
-
-/// Where a short line crosses the 180th meridian, on either of its two sides.
-fn crossing(from: Position, to: Position) -> Option<Position> {
-    [-180.0, 180.0].into_iter().find_map(|meridian| {
-        let (before, after) = (from[0] - meridian, to[0] - meridian);
-        (before * after < 0.0).then(|| [meridian, from[1] + (to[1] - from[1]) * (before / (before - after))])
-    })
-}
-
-/// Turns by which a line that crosses no 180th meridian lies beyond it.
-fn turns_of(line: &[Position]) -> f64 {
-    let middle = line.iter().map(|p| p[0]).sum::<f64>() / line.len() as f64;
-    ((middle + 180.0) / 360.0).floor()
-}
-
-fn turned([lon, lat]: Position) -> Position {
-    [(lon + 180.0).rem_euclid(360.0) - 180.0, lat]
-}
-
-fn rounded(position: Position) -> Position {
-    position.map(|degrees| (degrees * DECIMALS).round() / DECIMALS)
-}
-
-/// A polygon, cut in two where the 180th meridian runs through it, each side with longitudes of its own.
-fn cut_at_180(rings: Rings) -> Vec<Rings> {
-    if rings.iter().flatten().all(|p| p[0].abs() <= 180.0) {
-        return vec![rings];
-    }
-    let sides = [-1.0, 0.0, 1.0].into_iter().flat_map(|turns: f64| {
-        let (west, east) = (360.0 * turns - 180.0, 360.0 * turns + 180.0);
-        let side = vec![vec![[west, -90.0], [east, -90.0], [east, 90.0], [west, 90.0]]];
-        let open: Rings = rings.iter().map(|ring| ring[..ring.len() - 1].to_vec()).collect();
-        let mut found = open.overlay_as::<i64>(&side, OverlayRule::Intersect, FillRule::NonZero);
-        for ring in found.iter_mut().flatten() {
-            ring.extend(ring.first().copied());
-            // The cut is on the meridian itself, and no rounding of the overlay's grid beyond it.
-            ring.iter_mut().for_each(|p| p[0] = (p[0] - 360.0 * turns).clamp(-180.0, 180.0));
-        }
-        found
-    });
-    sides.collect()
+    collection(&features)
 }

@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use super::view::{View, px};
 use crate::control::sweep::SubArea;
 use crate::geometry::V2;
 use crate::geometry::region::{Part, Region};
+use crate::report::map::view::{View, px};
 use crate::report::sweep::SweepReport;
 
 /// Colours for fleets; more fleets begin again.
@@ -31,18 +31,14 @@ pub(super) fn everything_m(report: &SweepReport) -> Vec<V2> {
         .collect()
 }
 
-/// Draws the map in its frame.
+/// Draws what lies on the map.
 pub(super) fn draw(svg: &mut String, report: &SweepReport, view: &View) {
-    let [left, top, width, height] = view.frame_px().map(px);
-    let frame = format!("x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" rx=\"10\"");
     let area = outline(view, &report.area.region);
     let _ = writeln!(
         svg,
-        "<defs>\n<clipPath id=\"frame\"><rect {frame}/></clipPath>\n\
-         <clipPath id=\"within\"><path clip-rule=\"evenodd\" d=\"{area}\"/></clipPath>\n\
+        "<defs>\n<clipPath id=\"within\"><path clip-rule=\"evenodd\" d=\"{area}\"/></clipPath>\n\
          <pattern id=\"hatch\" width=\"7\" height=\"7\" patternUnits=\"userSpaceOnUse\" patternTransform=\"rotate(45)\">\
          <path class=\"hatch\" d=\"M0 0V7\"/></pattern>\n</defs>\n\
-         <rect class=\"frame\" {frame}/>\n<g clip-path=\"url(#frame)\">\n\
          <path class=\"area\" fill-rule=\"evenodd\" d=\"{area}\"/>"
     );
     let fleets = &report.plan.sub_areas;
@@ -58,9 +54,6 @@ pub(super) fn draw(svg: &mut String, report: &SweepReport, view: &View) {
     fleets.iter().for_each(|fleet| lanes(svg, report, view, fleet, with_transits));
     // Marks last: no lane may cross a number.
     fleets.iter().for_each(|fleet| marks(svg, report, view, fleet));
-    scale_bar(svg, view);
-    north(svg, view);
-    svg.push_str("</g>\n");
 }
 
 fn outline(view: &View, region: &Region) -> String {
@@ -143,34 +136,4 @@ pub(super) fn start_mark(class: &str, at: V2, fleet: usize) -> String {
 pub(super) fn end_mark(class: &str, at: V2) -> String {
     let (x, y) = (px(at.x - 5.0), px(at.y - 5.0));
     format!("<rect class=\"open {class}\" x=\"{x}\" y=\"{y}\" width=\"10\" height=\"10\" rx=\"1.5\"/>")
-}
-
-/// The longest of 1, 2 and 5 times a power of ten that takes less than a fifth of the map.
-fn scale_bar(svg: &mut String, view: &View) {
-    let [left, top, width, height] = view.frame_px();
-    let most_m = width / 5.0 / view.px_per_m();
-    let power = 10f64.powf(most_m.log10().floor());
-    let length_m = [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|l| *l <= most_m).unwrap_or(power);
-    let text = if length_m >= 1000.0 { format!("{} km", length_m / 1000.0) } else { format!("{length_m} m") };
-    let (x, y, end) = (left + 16.0, top + height - 16.0, left + 16.0 + length_m * view.px_per_m());
-    let _ = writeln!(
-        svg,
-        "<path class=\"scale\" d=\"M{x} {low}V{y}H{end}V{low}\"/>\n<text class=\"halo\" x=\"{x}\" y=\"{above}\">{text}</text>",
-        x = px(x),
-        y = px(y),
-        end = px(end),
-        low = px(y - 6.0),
-        above = px(y - 11.0),
-    );
-}
-
-fn north(svg: &mut String, view: &View) {
-    let [left, top, width, _] = view.frame_px();
-    let _ = writeln!(
-        svg,
-        "<g transform=\"translate({} {})\"><path class=\"north\" d=\"M0 -12L6 8L0 4L-6 8Z\"/>\
-         <text class=\"strong\" y=\"22\" text-anchor=\"middle\">N</text></g>",
-        px(left + width - 20.0),
-        px(top + 22.0)
-    );
 }

@@ -1,66 +1,20 @@
 //! The panel beside the map: does it fit the time, who flies how far, and what the marks mean.
 
-use std::fmt::Write as _;
-
 use super::ground::{colour, end_mark, pad_mark, start_mark};
-use super::view::{escaped, px};
 use crate::geometry::V2;
+use crate::report::map::Panel;
+use crate::report::map::view::px;
 use crate::report::sweep::{ModeTried, SweepReport, name, percent};
-
-/// From one line to the next, pixels.
-const LINE_PX: f64 = 24.0;
 
 /// Where the column of numbers in the middle ends.
 const COLUMN_PX: f64 = 214.0;
 
-/// A panel being filled from top to bottom.
-struct Panel {
-    svg: String,
-    x: f64,
-    y: f64,
-    width: f64,
-}
-
-/// The panel and its height, pixels.
-pub(super) fn draw(report: &SweepReport, [x, top]: [f64; 2], width: f64) -> (String, f64) {
-    let mut panel = Panel { svg: String::new(), x, y: top + 11.0, width };
-    time(&mut panel, report);
-    fleets(&mut panel, report);
-    coverage(&mut panel, report);
-    symbols(&mut panel, report);
-    (panel.svg, panel.y - top)
-}
-
-impl Panel {
-    fn text(&mut self, class: &str, dx: f64, text: &str) {
-        let (x, y) = (px(self.x + dx), px(self.y));
-        let _ = writeln!(self.svg, "<text class=\"{class}\" x=\"{x}\" y=\"{y}\">{}</text>", escaped(text));
-    }
-
-    /// A heading over a rule.
-    fn head(&mut self, text: &str) {
-        self.text("head", 0.0, &text.to_uppercase());
-        let (from, to, y) = (px(self.x), px(self.x + self.width), px(self.y + 8.0));
-        let _ = writeln!(self.svg, "<path class=\"rule\" d=\"M{from} {y}H{to}\"/>");
-        self.y += 29.0;
-    }
-
-    fn next(&mut self) {
-        self.y += LINE_PX;
-    }
-
-    fn gap(&mut self) {
-        self.y += 14.0;
-    }
-
-    /// A mark before a line's text.
-    fn symbol(&mut self, draw: impl Fn(V2) -> String, text: &str) {
-        let mark = draw(V2::new(self.x + 10.0, self.y - 4.5));
-        self.svg.push_str(&mark);
-        self.svg.push('\n');
-        self.text("", 30.0, text);
-        self.next();
-    }
+/// Fills the panel.
+pub(super) fn draw(panel: &mut Panel, report: &SweepReport) {
+    time(panel, report);
+    fleets(panel, report);
+    coverage(panel, report);
+    symbols(panel, report);
 }
 
 fn minutes(time_s: f64) -> String {
@@ -95,10 +49,7 @@ fn fleets(panel: &mut Panel, report: &SweepReport) {
     for fleet in &report.plan.sub_areas {
         let class = colour(fleet.fleet);
         let turns = if fleet.turns == 1 { "1 turn".to_owned() } else { format!("{} turns", fleet.turns) };
-        let mark = start_mark(&class, V2::new(panel.x + 10.0, panel.y - 4.5), fleet.fleet);
-        panel.svg.push_str(&mark);
-        panel.svg.push('\n');
-        panel.text("", 30.0, &turns);
+        panel.mark(|at| start_mark(&class, at, fleet.fleet), &turns);
         panel.text("number", COLUMN_PX, &format!("{:.2} km", fleet.length_m / 1e3));
         panel.text("number strong", panel.width, &minutes(fleet.duration_s));
         panel.next();

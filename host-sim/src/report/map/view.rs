@@ -10,7 +10,7 @@ const PADDING_PX: f64 = 36.0;
 const FOOT_PX: f64 = 22.0;
 
 /// A map's frame and its scale.
-pub(super) struct View {
+pub(in crate::report) struct View {
     left_top_px: [f64; 2],
     size_px: [f64; 2],
     centre_m: V2,
@@ -19,7 +19,7 @@ pub(super) struct View {
 
 impl View {
     /// A map of the given width around some points, the larger one of its scales that fits.
-    pub(super) fn around(points_m: &[V2], left_top_px: [f64; 2], width_px: f64) -> Self {
+    pub(in crate::report) fn around(points_m: &[V2], left_top_px: [f64; 2], width_px: f64) -> Self {
         let corners = points_m.iter().copied().map(|p| [p, p]);
         let [low, high] = corners.reduce(|[a, b], [c, d]| [a.inf(&c), b.sup(&d)]).unwrap_or([V2::zeros(); 2]);
         let extent = (high - low).map(|length_m| length_m.max(1.0));
@@ -30,27 +30,27 @@ impl View {
         Self { left_top_px, size_px: [width_px, height_px], centre_m: (low + high) / 2.0, px_per_m }
     }
 
-    pub(super) fn height_px(&self) -> f64 {
+    pub(in crate::report) fn height_px(&self) -> f64 {
         self.size_px[1]
     }
 
     /// The frame: left, top, width, height.
-    pub(super) fn frame_px(&self) -> [f64; 4] {
+    pub(in crate::report) fn frame_px(&self) -> [f64; 4] {
         [self.left_top_px[0], self.left_top_px[1], self.size_px[0], self.size_px[1]]
     }
 
-    pub(super) fn px_per_m(&self) -> f64 {
+    pub(in crate::report) fn px_per_m(&self) -> f64 {
         self.px_per_m
     }
 
-    pub(super) fn point_px(&self, point_m: V2) -> V2 {
+    pub(in crate::report) fn point_px(&self, point_m: V2) -> V2 {
         let [left, top, width, height] = self.frame_px();
         let from_centre = (point_m - self.centre_m) * self.px_per_m;
         V2::new(left + width / 2.0 + from_centre.x, top + (height - FOOT_PX) / 2.0 - from_centre.y)
     }
 
     /// Path data of a line, closed or open.
-    pub(super) fn path(&self, points_m: &[V2], closed: bool) -> String {
+    pub(in crate::report) fn path(&self, points_m: &[V2], closed: bool) -> String {
         let steps = points_m.iter().enumerate().map(|(i, &point_m)| {
             let p = self.point_px(point_m);
             format!("{}{} {}", if i == 0 { 'M' } else { 'L' }, px(p.x), px(p.y))
@@ -60,19 +60,19 @@ impl View {
     }
 
     /// Path data of some rings, to be filled by the even-odd rule.
-    pub(super) fn rings<R: AsRef<[V2]>>(&self, rings_m: impl Iterator<Item = R>) -> String {
+    pub(in crate::report) fn rings<R: AsRef<[V2]>>(&self, rings_m: impl Iterator<Item = R>) -> String {
         rings_m.map(|ring_m| self.path(ring_m.as_ref(), true)).collect()
     }
 }
 
 /// A tenth of a pixel, without zeros at the end.
-pub(super) fn px(length: f64) -> String {
+pub(in crate::report) fn px(length: f64) -> String {
     let text = format!("{length:.1}");
     text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
 }
 
 /// Text that is no markup.
-pub(super) fn escaped(text: &str) -> String {
+pub(in crate::report) fn escaped(text: &str) -> String {
     let printable = text.chars().filter(|c| !c.is_control());
     printable.fold(String::new(), |mut out, c| {
         match c {
