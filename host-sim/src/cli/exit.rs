@@ -1,5 +1,6 @@
 //! What went wrong and the exit status it has.
 
+use super::accuracy::AccuracyFailure;
 use super::locate::LocateFailure;
 use super::output::OutputError;
 use super::sweep::SweepFailure;
@@ -65,6 +66,9 @@ pub(super) enum Failure {
     /// Nothing can be located.
     #[error(transparent)]
     Locate(#[from] LocateFailure),
+    /// No accuracy can be told.
+    #[error(transparent)]
+    Accuracy(#[from] AccuracyFailure),
     /// The result files cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -86,6 +90,7 @@ impl Failure {
             Self::Run(RunError::BadInput(_))
             | Self::Usage(_)
             | Self::Locate(_)
+            | Self::Accuracy(_)
             | Self::Output(_)
             | Self::Stdout(_) => Exit::BadInput,
             Self::Sweep(failure) => failure.exit(),

@@ -3,6 +3,7 @@
 //! - `mission`: flies a whole mission,
 //! - `sweep`: plans a sweep,
 //! - `locate`: locates users from recorded captures,
+//! - `accuracy`: tells how well a formation locates,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
 //! - `console`: results to stdout, logs and progress to stderr,
@@ -10,6 +11,7 @@
 //! - `values`: values of options,
 //! - `exit`: what went wrong and the exit status it has.
 
+mod accuracy;
 mod console;
 mod exit;
 mod inputs;
@@ -50,6 +52,7 @@ enum Command {
     Mission(Box<mission::MissionArgs>),
     Sweep(Box<sweep::SweepArgs>),
     Locate(locate::LocateArgs),
+    Accuracy(accuracy::AccuracyArgs),
 }
 
 /// Runs the command line of this process and returns its exit status.
@@ -68,6 +71,7 @@ pub fn main() -> ExitCode {
         Command::Mission(args) => mission::run(args),
         Command::Sweep(args) => sweep::run(args),
         Command::Locate(args) => locate::run(args),
+        Command::Accuracy(args) => accuracy::run(args),
     };
     let exit = result.unwrap_or_else(|failure| {
         Console::error(&failure);

@@ -1,5 +1,6 @@
 //! The control center: everything it knows of the world comes as protocol messages.
 
+pub mod accuracy;
 pub mod air_to_ground;
 pub mod area;
 pub mod assign;

@@ -1,5 +1,6 @@
 //! What a run leaves for people to look at.
 
+pub mod accuracy;
 mod earth;
 pub(crate) mod figures;
 pub mod html;

@@ -20,14 +20,27 @@ use view::{View, escaped, px};
 const STYLE: &str = include_str!("base.css");
 
 /// Space around everything, pixels.
-const MARGIN_PX: f64 = 28.0;
+pub(super) const MARGIN_PX: f64 = 28.0;
 /// Above the map.
-const HEADER_PX: f64 = 84.0;
+pub(super) const HEADER_PX: f64 = 84.0;
 /// Width of the map, and of the panel beside it.
 const MAP_WIDTH_PX: f64 = 820.0;
 const PANEL_WIDTH_PX: f64 = 330.0;
 /// Between map and panel.
 const GAP_PX: f64 = 28.0;
+
+/// The beginning of any picture: its size, its style, and what it shows.
+pub(super) fn header(title: &str, subtitle: &str, style: &str, size_px: [f64; 2]) -> String {
+    let ([width, height], title) = (size_px.map(px), escaped(title));
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
+         role=\"img\" aria-labelledby=\"title\">\n<title id=\"title\">{title}</title>\n<style>\n{STYLE}{style}</style>\n\
+         <rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n\
+         <text class=\"title\" x=\"{MARGIN_PX}\" y=\"42\">{title}</text>\n\
+         <text class=\"muted\" x=\"{MARGIN_PX}\" y=\"65\">{}</text>\n",
+        escaped(subtitle)
+    )
+}
 
 /// A picture without its map.
 pub(super) struct Sheet<'a> {
@@ -63,21 +76,8 @@ impl Sheet<'_> {
         let height = bottom.max(HEADER_PX + view.height_px()) + MARGIN_PX;
         let file = Path::new(self.source).file_name();
         let file = file.map_or_else(|| self.source.into(), |name| name.to_string_lossy());
-        let title = escaped(&format!("{} {file}", self.what));
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" role=\"img\" \
-             aria-labelledby=\"title\">\n<title id=\"title\">{title}</title>\n<style>\n{STYLE}{style}</style>\n",
-            w = px(width),
-            h = px(height),
-            style = self.style,
-        );
-        let _ = writeln!(svg, "<rect class=\"paper\" width=\"{}\" height=\"{}\"/>", px(width), px(height));
-        let _ = writeln!(svg, "<text class=\"title\" x=\"{MARGIN_PX}\" y=\"42\">{title}</text>");
-        let _ = writeln!(
-            svg,
-            "<text class=\"muted\" x=\"{MARGIN_PX}\" y=\"65\">{}</text>",
-            escaped(self.subtitle)
-        );
+        let title = format!("{} {file}", self.what);
+        let mut svg = header(&title, self.subtitle, self.style, [width, height]);
         let [left, top, width, height] = view.frame_px().map(px);
         let frame = format!("x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" rx=\"10\"");
         let _ = writeln!(
