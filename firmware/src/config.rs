@@ -1,6 +1,6 @@
 //! What an agent is born with; everything else it is told by mission upload.
 
-use crate::srs::clock::TickRate;
+use crate::srs::{clock::TickRate, discipline::Oscillator};
 use skyroost_protocol::units::{DroneId, TimePs};
 
 /// The capture timer counts samples of the baseband: a tick of 2 T_c, the finest grid that UL-RTOA is
@@ -10,6 +10,16 @@ const BASEBAND_RATE: TickRate = match TickRate::new(983_040_000) {
     Err(_) => unreachable!(),
 };
 
+/// A temperature-compensated oscillator of a cell and a timing receiver: 25 ppm at most, a tenth of a nanosecond over a
+/// second, 0.1 ps a second every second; pulses within 20 ns.
+const BASEBAND: Oscillator = Oscillator {
+    rate: BASEBAND_RATE,
+    tolerance_ppb: 25_000,
+    walk_ps: 100,
+    wander_fs_per_s2: 100,
+    pulse_ps: 20_000,
+};
+
 /// Constants of one drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AgentConfig {
@@ -17,8 +27,10 @@ pub struct AgentConfig {
     pub id: DroneId,
     /// Counts boots, so that sequence numbers never repeat.
     pub boot_epoch: u16,
-    /// Rate of the SRS capture timer.
-    pub capture_rate: TickRate,
+    /// What the SRS capture timer counts, and the pulses that discipline it.
+    pub oscillator: Oscillator,
+    /// Symbols that an SRS is repeated over: 1, 2 or 4.
+    pub srs_symbols: u8,
     /// Time between two states shared for avoidance.
     pub share_period: TimePs,
     /// What the airframe can do.
@@ -34,7 +46,8 @@ impl AgentConfig {
         Self {
             id,
             boot_epoch: 1,
-            capture_rate: BASEBAND_RATE,
+            oscillator: BASEBAND,
+            srs_symbols: 1,
             share_period: TimePs::from_ms(100),
             limits: FlightLimits::COPTER,
             supervisor: SupervisorConfig::USUAL,

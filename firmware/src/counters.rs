@@ -59,6 +59,16 @@ counters! {
     lanes_refused,
     /// Inputs that were not finite numbers.
     not_finite,
+    /// Captures of a symbol that was captured before, or that no SRS has.
+    symbols_refused,
+    /// Captures of symbols that the others of their SRS did not agree with.
+    symbols_excluded,
+    /// Pulses per second off the grid of seconds.
+    pulses_rejected,
+    /// Times that the capture clock gave its grid of seconds up for another.
+    pulses_replaced,
+    /// Steps more than half a wrap of the capture timer after the step before: its captures could not be placed.
+    timer_gaps,
 }
 
 impl Counters {

@@ -8,7 +8,7 @@ use heapless::Vec;
 use skyroost_protocol::{
     codec::Frame,
     message::{AttachedUser, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME},
-    units::{OccasionId, TimePs, UserId},
+    units::{OccasionId, TimePs, ToaSigma, UserId},
 };
 
 /// Most frames received in one step, and most sent to the control center.
@@ -28,6 +28,8 @@ pub struct Inputs {
     pub nav: Option<NavFix>,
     /// Value of the wrapping SRS capture counter at this step.
     pub timer_ticks: u32,
+    /// The pulse per second that the same counter captured since the last step, if there was one.
+    pub pulse: Option<Pulse>,
     /// SRS arrivals captured since the last step.
     pub captures: Vec<Capture, MAX_CAPTURES_PER_STEP>,
     /// Users that the cell reports, a page at a time.
@@ -51,6 +53,7 @@ impl Inputs {
         Self {
             nav: None,
             timer_ticks: 0,
+            pulse: None,
             captures: Vec::new(),
             attached: Vec::new(),
             frames: Vec::new(),
@@ -61,6 +64,7 @@ impl Inputs {
     /// Forgets everything, keeping the memory.
     pub fn clear(&mut self) {
         self.nav = None;
+        self.pulse = None;
         self.captures.clear();
         self.attached.clear();
         self.frames.clear();
@@ -78,6 +82,15 @@ pub struct NavFix {
     pub error_radius_m: f32,
 }
 
+/// A pulse of the navigation receiver as the timer captured it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pulse {
+    /// The wrapping capture counter at the pulse.
+    pub ticks: u32,
+    /// Number of the second that it began, since the mission's epoch.
+    pub second: i32,
+}
+
 /// One SRS arrival as the timer captured it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capture {
@@ -85,6 +98,10 @@ pub struct Capture {
     pub occasion: OccasionId,
     /// The wrapping capture counter at the arrival.
     pub ticks: u32,
+    /// Which of the symbols that the SRS is repeated over, from 0.
+    pub symbol: u8,
+    /// How well the receiver found the arrival; the counter's own step is not in it.
+    pub sigma: ToaSigma,
 }
 
 /// Everything the drone wants done.

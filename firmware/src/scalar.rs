@@ -1,4 +1,4 @@
-//! The lesser and the greater of two numbers, to the same bits on every processor.
+//! Arithmetic of single numbers, to the same bits on every processor.
 //!
 //! `f32::min` and `f32::max` may answer with either zero where both signs meet, and processors differ in
 //! which they take; `f32::clamp` panics where its limits cross. These here do what is written. Where one
@@ -25,6 +25,13 @@ pub const fn lesser(a: f32, b: f32) -> f32 {
 pub const fn within(x: f32, low: f32, high: f32) -> f32 {
     let raised = if x < low { low } else { x };
     if raised > high { high } else { raised }
+}
+
+/// Square root of an integer, rounded down. One function: a board's processor takes a page of code for it.
+#[inline(never)]
+#[must_use]
+pub fn root(square: u64) -> u32 {
+    square.isqrt() as u32
 }
 
 #[cfg(test)]

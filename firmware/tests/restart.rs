@@ -9,14 +9,16 @@ use skyroost_firmware::{
     STEP_US,
     agent::FlightAgent,
     config::AgentConfig,
-    io::{Capture, Inputs, Outputs},
-    srs::clock::TickRate,
+    io::{Capture, Inputs, Outputs, Pulse},
+    srs::{clock::TickRate, discipline::Oscillator},
 };
 use skyroost_protocol::{
     Frame,
     codec::Sender,
-    message::{CaptureEntry, Command, Down, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry},
-    units::{DroneId, MissionId, OccasionId, PosEnuMm, TimePs, UserId, VelEnuMmps},
+    message::{
+        CaptureEntry, ClockState, Command, Down, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry,
+    },
+    units::{DroneId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps},
 };
 use std::sync::Mutex;
 
@@ -27,7 +29,10 @@ enum Happening {
     Upload(u16, Vec<[i32; 2]>),
     Neighbour(u16, [i32; 3]),
     Asked(u32, i64),
-    Captured(u32, u32),
+    /// Occasion, ticks, symbol.
+    Captured(u32, u32, u8),
+    /// So many seconds of pulses.
+    Pulses(u8),
     MateCaptured(u32, i64),
     /// A whole occasion that the drone serves: asked, captured by a mate, captured by itself.
     Served(u32),
@@ -48,7 +53,9 @@ fn happening() -> impl Strategy<Value = Happening> {
         (2..60_u16, position).prop_map(|(drone, p)| Happening::Neighbour(drone, p)),
         (0..20_u32, 0..400_i64).prop_map(|(first, ms)| Happening::Asked(first, ms)),
         (0..6_u32).prop_map(Happening::Served),
-        (0..30_u32, any::<u32>()).prop_map(|(occasion, ticks)| Happening::Captured(occasion, ticks)),
+        (0..30_u32, any::<u32>(), 0..3_u8)
+            .prop_map(|(occasion, ticks, symbol)| Happening::Captured(occasion, ticks, symbol)),
+        (1..12_u8).prop_map(Happening::Pulses),
         (0..30_u32, any::<i64>()).prop_map(|(occasion, ps)| Happening::MateCaptured(occasion, ps)),
         prop::collection::vec(any::<u8>(), 0..60).prop_map(Happening::Noise),
         (1..400_u16).prop_map(Happening::Silence),
@@ -61,6 +68,13 @@ fn lifetime() -> impl Strategy<Value = Vec<Happening>> {
         all.insert(0, Happening::Upload(1, vec![[0, 0], [90_000, 0]]));
         all
     })
+}
+
+const SIGMA: ToaSigma = ToaSigma(600);
+
+fn mates_capture(occasion: OccasionId, ps: i64) -> CaptureEntry {
+    let clock = ClockState::Locked { sigma_ns: 3 };
+    CaptureEntry { occasion, toa: TimePs(ps), pos: PosEnuMm([7, 8, 9]), sigma: SIGMA, clock }
 }
 
 fn live(bench: &mut Bench, mate: &mut Sender, happening: &Happening) {
@@ -93,13 +107,13 @@ fn live(bench: &mut Bench, mate: &mut Sender, happening: &Happening) {
                 entries: entries.collect(),
             }));
         }
-        Happening::Captured(occasion, ticks) => {
-            let capture = Capture { occasion: OccasionId(*occasion), ticks: *ticks };
+        Happening::Captured(occasion, ticks, symbol) => {
+            let capture =
+                Capture { occasion: OccasionId(*occasion), ticks: *ticks, symbol: *symbol, sigma: SIGMA };
             bench.inputs.captures.push(capture).expect("there is room");
         }
         Happening::MateCaptured(occasion, ps) => {
-            let entry =
-                CaptureEntry { occasion: OccasionId(*occasion), toa: TimePs(*ps), pos: PosEnuMm([7, 8, 9]) };
+            let entry = mates_capture(OccasionId(*occasion), *ps);
             let message = Peer::Captures([entry].into_iter().collect());
             let frame = mate.peer(&message).expect("a frame holds every message");
             bench.inputs.frames.push(frame).expect("there is room");
@@ -113,14 +127,28 @@ fn live(bench: &mut Bench, mate: &mut Sender, happening: &Happening) {
                 entries: [SrsRequestEntry { user, serving: ME }].into_iter().collect(),
             }));
             bench.fly();
-            let entry = CaptureEntry { occasion, toa: TimePs(5), pos: PosEnuMm([1, 2, 3]) };
+            let entry = mates_capture(occasion, 5);
             let frame = mate.peer(&Peer::Captures([entry].into_iter().collect())).expect("it fits");
             bench.inputs.frames.push(frame).expect("there is room");
-            bench.inputs.captures.push(Capture { occasion, ticks: 77 }).expect("there is room");
+            bench
+                .inputs
+                .captures
+                .push(Capture { occasion, ticks: 77, symbol: 0, sigma: SIGMA })
+                .expect("there is room");
         }
         Happening::Noise(bytes) => {
             let frame = Frame::from_slice(bytes).expect("short");
             bench.inputs.frames.push(frame).expect("there is room");
+        }
+        Happening::Pulses(seconds) => {
+            for _ in 0..*seconds {
+                let second = bench.now().as_us().div_euclid(1_000_000) as i32;
+                bench.inputs.pulse = Some(Pulse { ticks: bench.inputs.timer_ticks, second });
+                for _ in 0..50 {
+                    bench.fly();
+                    bench.inputs.timer_ticks = bench.inputs.timer_ticks.wrapping_add(19_660_800);
+                }
+            }
         }
         Happening::Silence(steps) => (0..*steps).for_each(|_| bench.fly()),
     }
@@ -149,12 +177,12 @@ proptest! {
         past in lifetime(),
         future in lifetime(),
         hz in prop_oneof![Just(983_040_000_u64), Just(84_000_000)],
+        srs_symbols in 1..=2_u8,
     ) {
-        let config = AgentConfig {
-            boot_epoch: 7,
-            capture_rate: TickRate::new(hz).expect("not zero"),
-            ..AgentConfig::new(ME)
-        };
+        let mut config = AgentConfig::new(ME);
+        let rate = TickRate::new(hz).expect("in range");
+        (config.boot_epoch, config.srs_symbols) = (7, srs_symbols);
+        config.oscillator = Oscillator { rate, ..config.oscillator };
         let (Bench { mut agent, .. }, _) = life(FlightAgent::new(AgentConfig::new(ME)), &past);
         agent.restart(config);
         let (_, found) = life(agent, &future);

@@ -11,7 +11,7 @@ use rand_core::Rng;
 use skyroost_firmware::{
     STEP_US, Vec3,
     config::AgentConfig,
-    io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, MAX_FRAMES_PER_STEP, NavFix, Outputs},
+    io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, MAX_FRAMES_PER_STEP, NavFix, Outputs, Pulse},
     peers::MAX_PEERS,
 };
 use skyroost_host_sim::{
@@ -28,12 +28,14 @@ use skyroost_protocol::{
     Frame,
     codec::{Message, Sender, decode},
     message::{
-        AckStatus, AttachedUser, CaptureEntry, Command, Down, Heading, LanePiece, MAX_ATTACHED_PER_FRAME,
-        MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, MAX_WAYPOINTS,
-        MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry, Up, lanes_crc,
+        AckStatus, AttachedUser, CaptureEntry, ClockState, Command, Down, Heading, LanePiece,
+        MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME,
+        MAX_SRS_PER_REQUEST, MAX_WAYPOINTS, MissionHeader, Peer, PeerState, SharedState, SrsRequest,
+        SrsRequestEntry, Up, lanes_crc,
     },
     units::{
-        CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, UserId, VelEnuMmps, mm_from_m,
+        CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps,
+        mm_from_m,
     },
 };
 use std::{sync::atomic::AtomicBool, time::Instant};
@@ -47,6 +49,7 @@ const TICKS_PER_STEP: u32 = 19_660_800;
 /// Occasions that a drone can know, and those of them that it can wait for captures of.
 const OCCASIONS: u32 = 192;
 const PAIRINGS: u32 = 32;
+const SIGMA: ToaSigma = ToaSigma(600);
 
 fn main() {
     let quick = std::env::args().any(|arg| arg == "--quick");
@@ -300,6 +303,9 @@ impl Sky {
     fn step(&mut self) {
         self.inputs.battery_permille = 900;
         self.inputs.timer_ticks = TICKS_PER_STEP.wrapping_mul(self.step as u32);
+        // Once a second, when all that is sent once a second is sent.
+        self.inputs.pulse = (self.step % 50 == 0)
+            .then_some(Pulse { ticks: self.inputs.timer_ticks, second: (self.step / 50) as i32 });
         self.inputs.nav = Some(NavFix {
             pos_enu_m: Vec3::new(0.0, 0.0, ALTITUDE_M),
             vel_enu_mps: Vec3::new(6.0, 1.0, 0.3),
@@ -506,6 +512,8 @@ impl Sky {
             occasion: OccasionId(first + k),
             toa,
             pos: PosEnuMm([1_234_567, -2_345_678, 345_678]),
+            sigma: SIGMA,
+            clock: ClockState::Locked { sigma_ns: 300 },
         };
         let entries = (0..MAX_CAPTURES_PER_FRAME as u32).map(entry).collect();
         let frame = self.mates[mate].peer(&Peer::Captures(entries)).expect("a frame holds every message");
@@ -514,7 +522,7 @@ impl Sky {
 
     fn put_own_captures(&mut self, first: u32) {
         let ticks = TICKS_PER_STEP.wrapping_mul(self.step as u32).wrapping_sub(1_234_567);
-        let capture = |k| Capture { occasion: OccasionId(first + k), ticks };
+        let capture = |k| Capture { occasion: OccasionId(first + k), ticks, symbol: 0, sigma: SIGMA };
         self.inputs.captures = (0..MAX_CAPTURES_PER_STEP as u32).map(capture).collect();
     }
 

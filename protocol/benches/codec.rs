@@ -4,7 +4,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use heapless::Vec;
 use skyroost_protocol::codec::{Body, encode_into};
 use skyroost_protocol::message::{Down, MateTdoa, PeerState, SharedState, TdoaEntry, TdoaFlags, Up};
-use skyroost_protocol::units::{DroneId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps};
+use skyroost_protocol::units::{DroneId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId, VelEnuMmps};
 use skyroost_protocol::{MAX_FRAME, Stamp, StreamDecoder, StreamFrame, decode, encode_stream};
 use std::hint::black_box;
 
@@ -26,6 +26,7 @@ fn tdoa() -> Up {
         drone: DroneId(drone),
         tdoa: TdoaPs(-123_456),
         pos: STATE.pos,
+        sigma: ToaSigma(626),
         flags: TdoaFlags::default(),
     };
     let entry = |occasion| TdoaEntry {
@@ -33,6 +34,7 @@ fn tdoa() -> Up {
         user: UserId(9),
         time: STATE.time,
         pos: STATE.pos,
+        sigma: ToaSigma(626),
         mates: Vec::from_array([mate(1), mate(2)]),
     };
     Up::Tdoa((0..2).map(entry).collect())

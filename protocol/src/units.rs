@@ -88,6 +88,27 @@ impl TimePs {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct TdoaPs(pub i32);
 
+/// Standard deviation of an arrival time in steps of 8 ps, 2.4 mm of path: up to 524 ns, where it saturates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct ToaSigma(pub u16);
+
+impl ToaSigma {
+    const STEP_PS: u32 = 8;
+
+    /// From picoseconds, rounded up.
+    #[must_use]
+    pub const fn from_ps(ps: u32) -> Self {
+        let steps = ps.div_ceil(Self::STEP_PS);
+        Self(if steps > u16::MAX as u32 { u16::MAX } else { steps as u16 })
+    }
+
+    /// In picoseconds.
+    #[must_use]
+    pub const fn ps(self) -> u32 {
+        self.0 as u32 * Self::STEP_PS
+    }
+}
+
 /// A position in millimetres: east, north, up from the mission's origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct PosEnuMm(pub [i32; 3]);
@@ -122,4 +143,19 @@ pub fn mm_from_m(metres: f32) -> i32 {
 #[must_use]
 pub const fn m_from_mm(mm: i32) -> f32 {
     mm as f32 * 1e-3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deviations_round_up_and_saturate() {
+        for (ps, steps) in
+            [(0, 0), (1, 1), (8, 1), (9, 2), (5_001, 626), (524_280, 65_535), (u32::MAX, 65_535)]
+        {
+            assert_eq!(ToaSigma::from_ps(ps), ToaSigma(steps), "{ps} ps");
+        }
+        assert_eq!(ToaSigma(626).ps(), 5_008);
+    }
 }

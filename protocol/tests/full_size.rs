@@ -2,17 +2,20 @@
 
 use skyroost_protocol::codec::encode;
 use skyroost_protocol::message::{
-    AckStatus, Attached, AttachedUser, CaptureEntry, Command, Down, EventCode, FlightPhase, Heading,
-    LanePiece, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry, TdoaEntry,
-    TdoaFlags, Telemetry, Up,
+    AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
+    Heading, LanePiece, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry,
+    TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
 };
 use skyroost_protocol::units::{
-    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps,
+    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
+    VelEnuMmps,
 };
 use skyroost_protocol::{Body, HEADER_LEN, MAX_BODY, Stamp};
 
 const TIME: TimePs = TimePs(i64::MAX);
 const POS: PosEnuMm = PosEnuMm([i32::MIN; 3]);
+const SIGMA: ToaSigma = ToaSigma(u16::MAX);
+const CLOCK: ClockState = ClockState::Held { sigma_ns: u16::MAX };
 const STATE: SharedState =
     SharedState { time: TIME, pos: POS, vel: VelEnuMmps([i16::MIN; 3]), error_radius_mm: u16::MAX };
 
@@ -28,12 +31,19 @@ fn body_len<B: Body>(message: &B) -> usize {
 
 #[test]
 fn up() {
-    let mate = MateTdoa { drone: DroneId(u16::MAX), tdoa: TdoaPs(i32::MIN), pos: POS, flags: TdoaFlags(255) };
+    let mate = MateTdoa {
+        drone: DroneId(u16::MAX),
+        tdoa: TdoaPs(i32::MIN),
+        pos: POS,
+        sigma: SIGMA,
+        flags: TdoaFlags(255),
+    };
     let entry = TdoaEntry {
         occasion: OccasionId(u32::MAX),
         user: UserId(u32::MAX),
         time: TIME,
         pos: POS,
+        sigma: SIGMA,
         mates: full(mate),
     };
     let user = AttachedUser { user: UserId(u32::MAX), timing_advance: u16::MAX };
@@ -48,6 +58,16 @@ fn up() {
         frames_lost: u32::MAX,
         frames_rejected: u32::MAX,
         dropped: u32::MAX,
+        clock: CLOCK,
+        tdoa: TdoaCounts {
+            hits: u32::MAX,
+            misses: u32::MAX,
+            stale: u32::MAX,
+            duplicates: u32::MAX,
+            evicted: u32::MAX,
+            gated: u32::MAX,
+            saturated: u32::MAX,
+        },
     };
     let status = AckStatus::Incomplete { first_missing: u16::MAX };
     let messages = [
@@ -64,9 +84,9 @@ fn up() {
         (Up::CommandAck { command: CommandId(u16::MAX), status }, 8),
         (Up::Heartbeat, 1),
         (Up::SharedState(STATE), 38),
-        (Up::Telemetry(telemetry), 47),
+        (Up::Telemetry(telemetry), 86),
         (Up::Attached(Attached { time: TIME, users: full(user) }), MAX_BODY),
-        (Up::Tdoa(full(entry)), 170),
+        (Up::Tdoa(full(entry)), 188),
         (Up::Event { code: EventCode::GoalReached, time: TIME, value: u32::MAX }, 17),
     ];
     for (message, expected) in messages {
@@ -119,10 +139,11 @@ fn down() {
 
 #[test]
 fn peer() {
-    let capture = CaptureEntry { occasion: OccasionId(u32::MAX), toa: TIME, pos: POS };
+    let capture =
+        CaptureEntry { occasion: OccasionId(u32::MAX), toa: TIME, pos: POS, sigma: SIGMA, clock: CLOCK };
     let phase =
         Peer::SweepPhase { time: TIME, phase_um: i64::MIN, rate_mmps: u16::MAX, track_error_mm: u32::MAX };
-    for (message, expected) in [(Peer::Captures(full(capture)), 152), (phase, 29)] {
+    for (message, expected) in [(Peer::Captures(full(capture)), 187), (phase, 29)] {
         assert_eq!(body_len(&message), expected, "{message:?}");
         assert!(expected <= MAX_BODY);
     }

@@ -8,12 +8,13 @@ use heapless::Vec;
 use skyroost_protocol::codec::{Body, encode};
 use skyroost_protocol::header::FLAG_TAG;
 use skyroost_protocol::message::{
-    AckStatus, Attached, AttachedUser, CaptureEntry, Command, Down, EventCode, FlightPhase, Heading,
-    LanePiece, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry, TdoaEntry,
-    TdoaFlags, Telemetry, Up,
+    AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
+    Heading, LanePiece, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry,
+    TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
 };
 use skyroost_protocol::units::{
-    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps,
+    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
+    VelEnuMmps,
 };
 use skyroost_protocol::{
     DecodeError, HEADER_LEN, Header, Kind, MAX_BODY, MAX_FRAME, MAX_STREAM, Message, PROTOCOL_VERSION,
@@ -60,7 +61,7 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (2, 0x3c3a_7206));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (2, 0xdcb6_3aa3));
     assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 204, 16, 235, 242));
 }
 
@@ -206,9 +207,19 @@ fn telemetry() {
             frames_lost: 12,
             frames_rejected: 3,
             dropped: 9,
+            clock: ClockState::Locked { sigma_ns: 300 },
+            tdoa: TdoaCounts {
+                hits: 10,
+                misses: 11,
+                stale: 12,
+                duplicates: 13,
+                evicted: 14,
+                gated: 300,
+                saturated: 16,
+            },
         })
     };
-    let rest = "808ece1c dc0b e906 05 0c 03 09";
+    let rest = "808ece1c dc0b e906 05 0c 03 09 01 ac02 0a 0b 0c 0d 0e ac02 10";
     up(telemetry(FlightPhase::Serve, Some(MissionId(77))), &format!("04 80ebd5c8a7b5b104 05 01 4d {rest}"));
     let phases = [
         FlightPhase::Grounded,
@@ -235,16 +246,22 @@ fn attached() {
 
 #[test]
 fn tdoa() {
-    let mate =
-        |drone, tdoa_ps, flags| MateTdoa { drone: DroneId(drone), tdoa: TdoaPs(tdoa_ps), pos: POS, flags };
+    let mate = |drone, tdoa_ps, sigma, flags| MateTdoa {
+        drone: DroneId(drone),
+        tdoa: TdoaPs(tdoa_ps),
+        pos: POS,
+        sigma: ToaSigma(sigma),
+        flags,
+    };
     let both = TdoaEntry {
         occasion: OccasionId(1000),
         user: UserId(9),
         time: TIME,
         pos: POS,
+        sigma: ToaSigma(300),
         mates: Vec::from_array([
-            mate(1, -123_456, TdoaFlags::default()),
-            mate(2, i32::MAX, TdoaFlags::SATURATED),
+            mate(1, -123_456, 626, TdoaFlags::GATED | TdoaFlags::HELD),
+            mate(2, i32::MAX, 1, TdoaFlags::SATURATED | TdoaFlags::UNJUDGED),
         ]),
     };
     let none = TdoaEntry {
@@ -252,15 +269,16 @@ fn tdoa() {
         user: UserId(10),
         time: TimePs(TIME.0 + 1),
         pos: POS,
+        sigma: ToaSigma(u16::MAX),
         mates: Vec::new(),
     };
     up(
         Up::Tdoa([both, none].into_iter().collect()),
         "06 02
-         e807 09 80ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124 02
-             01 ff880f d0bb8f04 8dda9601 bad124 00
-             02 feffffff0f d0bb8f04 8dda9601 bad124 01
-         e907 0a 82ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124 00",
+         e807 09 80ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124 ac02 02
+             01 ff880f d0bb8f04 8dda9601 bad124 f204 0a
+             02 feffffff0f d0bb8f04 8dda9601 bad124 01 05
+         e907 0a 82ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124 ffff03 00",
     );
 }
 
@@ -333,11 +351,19 @@ fn srs_request() {
 
 #[test]
 fn peers_of_a_fleet() {
-    let capture = CaptureEntry { occasion: OccasionId(1000), toa: TIME, pos: POS };
-    peer(
-        Peer::Captures([capture].into_iter().collect()),
-        "00 01 e807 80ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124",
-    );
+    let clocks = [
+        (ClockState::Free, "00"),
+        (ClockState::Locked { sigma_ns: 7 }, "01 07"),
+        (ClockState::Held { sigma_ns: 300 }, "02 ac02"),
+    ];
+    for (clock, as_bytes) in clocks {
+        let capture =
+            CaptureEntry { occasion: OccasionId(1000), toa: TIME, pos: POS, sigma: ToaSigma(626), clock };
+        peer(
+            Peer::Captures([capture].into_iter().collect()),
+            &format!("00 01 e807 80ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124 f204 {as_bytes}"),
+        );
+    }
     let phase =
         Peer::SweepPhase { time: TIME, phase_um: -60_000_000_001, rate_mmps: 10_000, track_error_mm: 1_500 };
     peer(phase, "01 80ebd5c8a7b5b104 81e0ba84bf03 904e dc0b");

@@ -6,7 +6,7 @@ use skyroost_firmware::{
     STEP_US,
     agent::FlightAgent,
     config::AgentConfig,
-    io::{Inputs, NavFix, Outputs},
+    io::{Capture, Inputs, NavFix, Outputs, Pulse},
 };
 use skyroost_protocol::{
     codec::Sender,
@@ -14,7 +14,9 @@ use skyroost_protocol::{
         AttachedUser, Command, Down, FlightPhase, Heading, LanePiece, MissionHeader, PeerState, SharedState,
         SrsRequest, SrsRequestEntry, lanes_crc,
     },
-    units::{CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, UserId, VelEnuMmps},
+    units::{
+        CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps,
+    },
 };
 use std::{
     alloc::{GlobalAlloc, Layout, System},
@@ -112,12 +114,20 @@ fn from_hello_to_sweep() {
         if let Some(message) = said(step) {
             inputs.frames.push(control.down(&message).unwrap()).unwrap();
         }
+        if step % 50 == 0 {
+            inputs.pulse = Some(Pulse { ticks: inputs.timer_ticks, second: (step / 50) as i32 });
+        }
         if step % 50 == 7 {
             inputs.attached.extend((0..8).map(|u| AttachedUser { user: UserId(u), timing_advance: 7 }));
         }
         for gate in &outputs.srs_gates {
-            let ticks = inputs.timer_ticks;
-            inputs.captures.push(skyroost_firmware::io::Capture { occasion: gate.occasion, ticks }).unwrap();
+            let capture = Capture {
+                occasion: gate.occasion,
+                ticks: inputs.timer_ticks,
+                symbol: 0,
+                sigma: ToaSigma(600),
+            };
+            inputs.captures.push(capture).unwrap();
         }
         outputs.clear();
         let before = ALLOCATIONS.get();

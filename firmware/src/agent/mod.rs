@@ -74,7 +74,7 @@ impl FlightAgent {
             lanes: Lanes::empty(),
             flight: Flight::new(),
             peers: PeerTable::new(),
-            srs: Srs::new(config.capture_rate),
+            srs: Srs::new(&config),
             supervisor: Supervisor::new(),
             transmitter: Transmitter::new(config.id, config.boot_epoch),
             counters: Counters::new(),
@@ -109,7 +109,7 @@ impl FlightAgent {
         lanes.clear();
         *flight = Flight::new();
         peers.clear();
-        srs.restart(config.capture_rate);
+        srs.restart(&config);
         *supervisor = Supervisor::new();
         *transmitter = Transmitter::new(config.id, config.boot_epoch);
         *counters = Counters::new();

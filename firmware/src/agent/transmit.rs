@@ -158,7 +158,7 @@ impl FlightAgent {
     }
 
     fn hello(&self) -> Up {
-        let (capture_ticks, capture_ps) = self.config.capture_rate.ratio();
+        let (capture_ticks, capture_ps) = self.config.oscillator.rate.ratio();
         Up::Hello {
             version_min: MIN_PROTOCOL_VERSION,
             version_max: PROTOCOL_VERSION,
@@ -180,6 +180,8 @@ impl FlightAgent {
             frames_lost: self.links.frames_lost(),
             frames_rejected: self.counters.frames_rejected,
             dropped: self.counters.dropped(),
+            clock: self.srs.clock_state(),
+            tdoa: *self.srs.tdoa_counts(),
         })
     }
 }

@@ -20,15 +20,15 @@ use crate::{
     Vec3,
     config::{AgentConfig, FlightLimits, SupervisorConfig},
     counters::Counters,
-    io::{Capture, NavFix, Setpoint, SrsGate},
-    srs::clock::TickRate,
+    io::{Capture, NavFix, Pulse, Setpoint, SrsGate},
+    srs::{clock::TickRate, discipline::Oscillator},
 };
 use heapless::Vec;
 use serde::{Deserialize, Serialize, Serializer};
 use skyroost_protocol::{
     message::AttachedUser,
     stream::{StreamFrame, encode_stream_with},
-    units::{DroneId, OccasionId, TimePs, UserId},
+    units::{DroneId, OccasionId, TimePs, ToaSigma, UserId},
 };
 
 /// Version of the bus; with the radio's schema hash it says whether host and image understand each other.
@@ -97,6 +97,11 @@ pub struct WireConfig {
     boot_epoch: u16,
     capture_ticks: u64,
     capture_ps: u64,
+    tolerance_ppb: u32,
+    walk_ps: u32,
+    wander_fs_per_s2: u32,
+    pulse_ps: u32,
+    srs_symbols: u8,
     share_period: TimePs,
     max_speed_mps: f32,
     max_accel_mps2: f32,
@@ -112,7 +117,9 @@ pub struct WireConfig {
 impl From<&AgentConfig> for WireConfig {
     fn from(config: &AgentConfig) -> Self {
         // Named in full, so that a new constant cannot be forgotten.
-        let AgentConfig { id, boot_epoch, capture_rate, share_period, limits, supervisor } = *config;
+        let AgentConfig { id, boot_epoch, oscillator, srs_symbols, share_period, limits, supervisor } =
+            *config;
+        let Oscillator { rate, tolerance_ppb, walk_ps, wander_fs_per_s2, pulse_ps } = oscillator;
         let FlightLimits { max_speed_mps, max_accel_mps2, max_vertical_mps } = limits;
         let SupervisorConfig {
             link_warn_ms,
@@ -122,12 +129,17 @@ impl From<&AgentConfig> for WireConfig {
             battery_low_permille,
             battery_critical_permille,
         } = supervisor;
-        let (capture_ticks, capture_ps) = capture_rate.ratio();
+        let (capture_ticks, capture_ps) = rate.ratio();
         Self {
             id,
             boot_epoch,
             capture_ticks,
             capture_ps,
+            tolerance_ppb,
+            walk_ps,
+            wander_fs_per_s2,
+            pulse_ps,
+            srs_symbols,
             share_period,
             max_speed_mps,
             max_accel_mps2,
@@ -149,7 +161,14 @@ impl WireConfig {
         Some(AgentConfig {
             id: self.id,
             boot_epoch: self.boot_epoch,
-            capture_rate: TickRate::of_ticks(self.capture_ticks, self.capture_ps).ok()?,
+            oscillator: Oscillator {
+                rate: TickRate::of_ticks(self.capture_ticks, self.capture_ps).ok()?,
+                tolerance_ppb: self.tolerance_ppb,
+                walk_ps: self.walk_ps,
+                wander_fs_per_s2: self.wander_fs_per_s2,
+                pulse_ps: self.pulse_ps,
+            },
+            srs_symbols: self.srs_symbols,
             share_period: self.share_period,
             limits: FlightLimits {
                 max_speed_mps: self.max_speed_mps,
@@ -177,8 +196,29 @@ pub struct StepHead {
     pub nav: Option<WireNav>,
     /// Value of the capture timer.
     pub timer_ticks: u32,
+    /// The pulse per second, if there was one.
+    pub pulse: Option<WirePulse>,
     /// Charge of the battery, per mille.
     pub battery_permille: u16,
+}
+
+/// [`Pulse`] as it crosses the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WirePulse {
+    ticks: u32,
+    second: i32,
+}
+
+impl From<Pulse> for WirePulse {
+    fn from(Pulse { ticks, second }: Pulse) -> Self {
+        Self { ticks, second }
+    }
+}
+
+impl From<WirePulse> for Pulse {
+    fn from(WirePulse { ticks, second }: WirePulse) -> Self {
+        Self { ticks, second }
+    }
 }
 
 /// [`NavFix`] as it crosses the bus.
@@ -219,17 +259,19 @@ pub enum SensePart<'a> {
 pub struct WireCapture {
     occasion: OccasionId,
     ticks: u32,
+    symbol: u8,
+    sigma: ToaSigma,
 }
 
 impl From<Capture> for WireCapture {
-    fn from(Capture { occasion, ticks }: Capture) -> Self {
-        Self { occasion, ticks }
+    fn from(Capture { occasion, ticks, symbol, sigma }: Capture) -> Self {
+        Self { occasion, ticks, symbol, sigma }
     }
 }
 
 impl From<WireCapture> for Capture {
-    fn from(WireCapture { occasion, ticks }: WireCapture) -> Self {
-        Self { occasion, ticks }
+    fn from(WireCapture { occasion, ticks, symbol, sigma }: WireCapture) -> Self {
+        Self { occasion, ticks, symbol, sigma }
     }
 }
 
@@ -437,7 +479,13 @@ mod tests {
         let longest = [
             SensePart::Radio(&[0xff; MAX_RADIO_PART]),
             SensePart::Captures(
-                [WireCapture { occasion: OccasionId(u32::MAX), ticks: u32::MAX }; MAX_CAPTURES_PART].into(),
+                [WireCapture {
+                    occasion: OccasionId(u32::MAX),
+                    ticks: u32::MAX,
+                    symbol: u8::MAX,
+                    sigma: ToaSigma(u16::MAX),
+                }; MAX_CAPTURES_PART]
+                    .into(),
             ),
             SensePart::Attached(
                 [AttachedUser { user: UserId(u32::MAX), timing_advance: u16::MAX }; MAX_ATTACHED_PART].into(),
@@ -479,7 +527,9 @@ mod tests {
         for bits in [0x7f80_0001, 0xffc0_1234, 0x0000_0001, 0x8000_0000, 0x7f80_0000] {
             let odd = f32::from_bits(bits);
             let nav = WireNav { pos_enu_m: [odd; 3], vel_enu_mps: [odd; 3], error_radius_m: odd };
-            let head = StepHead { now: TimePs(-1), nav: Some(nav), timer_ticks: 1, battery_permille: 2 };
+            let pulse = Some(WirePulse { ticks: u32::MAX, second: i32::MIN });
+            let head =
+                StepHead { now: TimePs(-1), nav: Some(nav), timer_ticks: 1, pulse, battery_permille: 2 };
             let payload = payload_of(&ToBoard::Step { step: 1, parts: 0, have: 0, attempt: 0, head });
             let Some(ToBoard::Step { head, .. }) = decode(&payload) else { panic!("another message") };
             let fix = NavFix::from(head.nav.expect("a fix"));
@@ -491,6 +541,8 @@ mod tests {
     #[test]
     fn a_configuration_arrives_whole() {
         let mut config = AgentConfig::new(DroneId(7));
+        config.oscillator.walk_ps = 77;
+        config.srs_symbols = 4;
         config.limits.max_speed_mps = 3.25;
         config.supervisor.nav_lost_ms = 77;
         assert_eq!(WireConfig::from(&config).agent_config(), Some(config));

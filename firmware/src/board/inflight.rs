@@ -4,7 +4,7 @@ use super::autopilot::{FromAutopilot, Status};
 use super::ticks::TickCounter;
 use super::triggers::{TriggerWindow, Triggers};
 use crate::counters::Counters;
-use crate::io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, NavFix, Outputs};
+use crate::io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, NavFix, Outputs, Pulse};
 use crate::srs::discipline::{GnssClock, Oscillator};
 use heapless::Vec;
 use skyroost_protocol::message::{AttachedUser, MAX_ATTACHED_PER_FRAME};
@@ -63,6 +63,8 @@ pub struct Inflight {
     battery_permille: u16,
     attached: Vec<AttachedUser, MAX_ATTACHED_PER_FRAME>,
     captures: Vec<Capture, MAX_CAPTURES_PER_STEP>,
+    /// The last pulse on the grid of seconds, as the timer captured it, that no step has had.
+    pulse: Option<u32>,
     counters: InflightCounters,
 }
 
@@ -81,6 +83,7 @@ impl Inflight {
             battery_permille: 0,
             attached: Vec::new(),
             captures: Vec::new(),
+            pulse: None,
             counters: InflightCounters::default(),
         }
     }
@@ -124,7 +127,9 @@ impl Inflight {
     pub fn edge(&mut self, edge: Edge) {
         match edge {
             Edge::Pulse(timer) => {
-                self.clock.edge(self.counter.extend(timer));
+                if self.clock.edge(self.counter.extend(timer)) {
+                    self.pulse = Some(timer);
+                }
             }
             Edge::Trigger(timer) => {
                 let at = self.clock.time_at(self.counter.extend(timer));
@@ -200,11 +205,20 @@ impl Inflight {
         inputs.timer_ticks = ticks as u32;
         inputs.battery_permille = self.battery_permille;
         inputs.nav = self.nav_at(ticks);
+        // Captures and pulses are of the same timer, so the same pulses discipline both clocks.
+        inputs.pulse = self.pulse.take().and_then(|timer| self.numbered(timer));
         // Both lists are cleared at every step and have the same room here and there.
         inputs.captures.clone_from(&self.captures);
         inputs.attached.clone_from(&self.attached);
         self.captures.clear();
         self.attached.clear();
+    }
+
+    /// A pulse with the number of its second; none before that is known.
+    fn numbered(&self, timer: u32) -> Option<Pulse> {
+        let time = self.clock.time_at(self.counter.extend(timer))?.time;
+        let second = time.after(TimePs::from_ms(500)).as_us().div_euclid(1_000_000);
+        Some(Pulse { ticks: timer, second: i32::try_from(second).ok()? })
     }
 
     /// The navigation solution, moved on to `ticks`.
@@ -345,9 +359,29 @@ mod tests {
         board.step_time(timer(10_040));
         let mut inputs = Inputs::default();
         board.sense(&mut inputs);
-        assert_eq!(inputs.captures.as_slice(), [Capture { occasion: OccasionId(9), ticks: at }]);
+        let sigma = TriggerWindow::default().sigma;
+        let expected = Capture { occasion: OccasionId(9), ticks: at, symbol: 0, sigma };
+        assert_eq!(inputs.captures.as_slice(), [expected]);
         board.sense(&mut inputs);
         assert!(inputs.captures.is_empty(), "once");
+    }
+
+    #[test]
+    fn pulses_reach_the_flight_code_once_with_their_numbers() {
+        let mut board = flown(10);
+        let mut inputs = Inputs::default();
+        for ms in (10_000..12_000).step_by(20) {
+            second(&mut board, ms, 0);
+            inputs.clear();
+            board.sense(&mut inputs);
+            let expected = (ms % 1000 == 0).then_some(Pulse { ticks: timer(ms), second: (ms / 1000) as i32 });
+            assert_eq!(inputs.pulse, expected, "at {ms} ms");
+        }
+        board.edge(Edge::Pulse(timer(12_010))); // ten milliseconds off
+        board.step_time(timer(12_020));
+        inputs.clear();
+        board.sense(&mut inputs);
+        assert_eq!(inputs.pulse, None);
     }
 
     #[test]

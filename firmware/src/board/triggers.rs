@@ -2,13 +2,16 @@
 //!
 //! The baseband raises a line when it hears a sounding reference signal; the timer captures the edge, and
 //! nothing on that line says whose signal it was. The gates do: each opens when its user transmits, and
-//! stays open for as long as the signal may be under way.
+//! stays open for as long as the signal may be under way; once more for every symbol that it is repeated over.
 
 use crate::counters::Counters;
 use crate::io::{Capture, SrsGate};
-use crate::srs::discipline::Reading;
+use crate::srs::{
+    burst::{MAX_SYMBOLS, symbol_time},
+    discipline::Reading,
+};
 use heapless::Vec;
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::units::{TimePs, ToaSigma};
 
 /// Most gates that are waited on at a time: 40 ms of lead, and as much of stay, at 100 occasions a second
 /// are eight.
@@ -26,11 +29,23 @@ pub struct TriggerWindow {
     pub least_latency_ns: u32,
     /// And at most.
     pub most_latency_ns: u32,
+    /// How well an edge stands for its signal, the timer's tick left aside.
+    pub sigma: ToaSigma,
+    /// Symbols of a signal, each with an edge of its own.
+    pub symbols: u8,
 }
 
 impl Default for TriggerWindow {
     fn default() -> Self {
-        Self { user_error_ns: 1_000, flight_ns: 6_671, least_latency_ns: 0, most_latency_ns: 2_000 }
+        Self {
+            user_error_ns: 1_000,
+            flight_ns: 6_671,
+            least_latency_ns: 0,
+            most_latency_ns: 2_000,
+            // What missions are simulated with; no baseband has been measured yet.
+            sigma: ToaSigma::from_ps(5_000),
+            symbols: 1,
+        }
     }
 }
 
@@ -42,9 +57,9 @@ pub struct TriggerCounters {
     pub captured: u32,
     /// Edges in no gate.
     pub outside: u32,
-    /// Edges in a gate that had had its edge.
+    /// Edges of a symbol that had had its edge.
     pub repeated: u32,
-    /// Edges in more than one gate: the clock is too uncertain to say which.
+    /// Edges in more than one gate or symbol: the clock is too uncertain to say which.
     pub ambiguous: u32,
     /// Edges while nobody knew the time.
     pub untimed: u32,
@@ -58,7 +73,8 @@ pub struct TriggerCounters {
 #[derive(Clone, Copy, Debug)]
 struct OpenGate {
     gate: SrsGate,
-    heard: bool,
+    /// A bit for each symbol.
+    heard: u8,
 }
 
 /// Gates in, triggers in, captures out.
@@ -87,34 +103,43 @@ impl Triggers {
 
     /// The flight code asks for a gate.
     pub fn open(&mut self, gate: SrsGate) {
-        if self.open.push(OpenGate { gate, heard: false }).is_err() {
+        if self.open.push(OpenGate { gate, heard: 0 }).is_err() {
             Counters::count(&mut self.counters.overflowed);
         }
     }
 
     /// An edge on the baseband's line: `ticks` as captured, and when that was, as far as it is known. A
-    /// capture if it was the first in one gate and in no other.
+    /// capture if it was the first of one symbol in one gate and of no other.
     pub fn edge(&mut self, ticks: u32, at: Option<Reading>) -> Option<Capture> {
         let counters = &mut self.counters;
         let Some(at) = at else {
             Counters::count(&mut counters.untimed);
             return None;
         };
-        let window = self.window;
-        let mut fitting = self.open.iter_mut().filter(|open| window.holds(open.gate.at, &at));
-        let (Some(open), None) = (fitting.next(), fitting.next()) else {
-            // Neither none nor two of them make a capture.
-            let many = self.open.iter().any(|open| window.holds(open.gate.at, &at));
-            Counters::count(if many { &mut counters.ambiguous } else { &mut counters.outside });
+        let window = &self.window;
+        let mut found = None;
+        for open in &mut self.open {
+            let fits = |symbol: &u8| window.holds(open.gate.at.after(symbol_time(*symbol)), &at);
+            let mut symbols = (0..window.symbols.min(MAX_SYMBOLS)).filter(fits);
+            let Some(symbol) = symbols.next() else { continue };
+            if symbols.next().is_some() || found.is_some() {
+                Counters::count(&mut counters.ambiguous);
+                return None;
+            }
+            found = Some((open, symbol));
+        }
+        let Some((open, symbol)) = found else {
+            Counters::count(&mut counters.outside);
             return None;
         };
-        if open.heard {
+        let bit = 1_u8.checked_shl(symbol.into()).unwrap_or(0);
+        if open.heard & bit != 0 {
             Counters::count(&mut counters.repeated);
             return None;
         }
-        open.heard = true;
+        open.heard |= bit;
         Counters::count(&mut counters.captured);
-        Some(Capture { occasion: open.gate.occasion, ticks })
+        Some(Capture { occasion: open.gate.occasion, ticks, symbol, sigma: window.sigma })
     }
 
     /// It is `now`: forgets gates that are over.
@@ -122,7 +147,7 @@ impl Triggers {
         let counters = &mut self.counters;
         self.open.retain(|open| {
             let over = now.since(open.gate.at) > KEPT;
-            if over && !open.heard {
+            if over && open.heard == 0 {
                 Counters::count(&mut counters.silent);
             }
             !over
@@ -156,6 +181,10 @@ mod tests {
         Some(Reading { time: TimePs(ns * 1000), sigma_ps: bound_ns * 200 })
     }
 
+    fn first_symbol(occasion: u32, ticks: u32) -> Capture {
+        Capture { occasion: OccasionId(occasion), ticks, symbol: 0, sigma: TriggerWindow::default().sigma }
+    }
+
     fn two_gates() -> Triggers {
         let mut triggers = Triggers::new(TriggerWindow::default());
         triggers.open(gate(7, 10_000));
@@ -167,9 +196,9 @@ mod tests {
     fn an_edge_finds_its_gate() {
         let mut triggers = two_gates();
         let capture = triggers.edge(42, at(20_001_700, 400)); // 500 m away
-        assert_eq!(capture, Some(Capture { occasion: OccasionId(8), ticks: 42 }));
+        assert_eq!(capture, Some(first_symbol(8, 42)));
         let capture = triggers.edge(43, at(10_006_700, 400)); // 2 km away, handled late
-        assert_eq!(capture, Some(Capture { occasion: OccasionId(7), ticks: 43 }));
+        assert_eq!(capture, Some(first_symbol(7, 43)));
         assert_eq!(triggers.counters().captured, 2);
     }
 
@@ -179,6 +208,29 @@ mod tests {
         assert!(triggers.edge(42, at(10_001_700, 400)).is_some());
         assert!(triggers.edge(43, at(10_002_900, 400)).is_none());
         assert_eq!(triggers.counters().repeated, 1);
+    }
+
+    #[test]
+    fn every_symbol_has_an_edge() {
+        let mut triggers = Triggers::new(TriggerWindow { symbols: 4, ..TriggerWindow::default() });
+        triggers.open(gate(7, 10_000));
+        // A kilometre away, the third symbol unheard.
+        for (symbol, at_ns) in [(0, 10_003_300), (1, 10_038_977), (3, 10_110_331)] {
+            let expected = Capture { symbol, ..first_symbol(7, u32::from(symbol)) };
+            assert_eq!(triggers.edge(symbol.into(), at(at_ns, 400)), Some(expected));
+        }
+        assert_eq!(triggers.edge(9, at(10_110_400, 400)), None, "an echo");
+        assert_eq!(triggers.edge(9, at(10_145_000, 400)), None, "a fifth symbol");
+        assert_eq!(
+            triggers.edge(9, at(10_074_000, 30_000)),
+            None,
+            "too uncertain to tell the second from the third"
+        );
+        let counters = triggers.counters();
+        assert_eq!(
+            (counters.captured, counters.repeated, counters.outside, counters.ambiguous),
+            (3, 1, 1, 1)
+        );
     }
 
     #[test]

@@ -45,6 +45,12 @@ impl TickExtender {
         self.ticks
     }
 
+    /// The last reading in 64 bits.
+    #[must_use]
+    pub const fn ticks(&self) -> i64 {
+        self.ticks
+    }
+
     /// A captured value in 64 bits, captured within half a wrap before or after the last step.
     #[must_use]
     pub const fn extend(&self, capture: u32) -> i64 {

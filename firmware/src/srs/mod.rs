@@ -1,27 +1,34 @@
 //! Sounding reference signals, from the capture timer to differences of arrival time.
 //!
-//! [`occasions`] knows when to listen; [`capture`] extends the timer's captures to 64 bits; [`clock`]
-//! turns ticks into picoseconds; [`tdoa`] pairs the captures of the fleet at the serving drone (paper
-//! section 2, steps ii and iii).
+//! [`occasions`] knows when to listen; [`capture`] extends the timer's captures to 64 bits; [`discipline`] makes
+//! GNSS time of them where there is a pulse per second, and [`clock`] the timer's own where there is none;
+//! [`burst`] averages the symbols of one SRS; [`tdoa`] pairs the captures of the fleet at the serving drone (paper
+//! section 2, steps ii and iii), and [`gate`] says which differences cannot be.
 
+pub mod burst;
 pub mod capture;
 pub mod clock;
 pub mod discipline;
+pub mod gate;
 pub mod occasions;
 pub mod slots;
 pub mod tdoa;
+mod words;
 
 use crate::{
+    config::AgentConfig,
     counters::Counters,
     io::{Inputs, MAX_CAPTURES_PER_STEP, NavFix, Outputs},
+    scalar::root,
 };
+use burst::{Arrival, Bursts, Heard, Symbol};
 use capture::TickExtender;
-use clock::TickRate;
+use discipline::GnssClock;
 use heapless::Vec;
 use occasions::Occasions;
 use skyroost_protocol::{
-    message::{CaptureEntry, SrsRequest, TdoaEntry},
-    units::{DroneId, PosEnuMm, TimePs, mm_from_m},
+    message::{CaptureEntry, ClockState, SrsRequest, TdoaCounts, TdoaEntry},
+    units::{DroneId, PosEnuMm, TimePs, ToaSigma, mm_from_m},
 };
 use tdoa::{OwnCapture, Pairing};
 
@@ -34,34 +41,43 @@ const EXTEND_EVERY: TimePs = TimePs::from_ms(300);
 /// SRS side of the flight agent.
 #[derive(Clone, Debug)]
 pub struct Srs {
-    rate: TickRate,
+    /// Standard deviation of where in its tick an arrival lies.
+    tick_sigma_ps: u32,
     extender: TickExtender,
+    clock: GnssClock,
     occasions: Occasions,
+    bursts: Bursts,
     pairing: Pairing,
     for_mates: Vec<CaptureEntry, MAX_CAPTURES_PER_STEP>,
     extend_due: TimePs,
 }
 
 impl Srs {
-    /// Nothing announced yet; `rate` is that of the capture timer.
+    /// Nothing announced yet.
     #[must_use]
-    pub const fn new(rate: TickRate) -> Self {
+    pub const fn new(config: &AgentConfig) -> Self {
+        let oscillator = config.oscillator;
         Self {
-            rate,
-            extender: TickExtender::new(rate),
+            tick_sigma_ps: oscillator.rate.tick_sigma_ps(),
+            extender: TickExtender::new(oscillator.rate),
+            clock: GnssClock::new(oscillator),
             occasions: Occasions::new(),
+            bursts: Bursts::new(config.srs_symbols),
             pairing: Pairing::new(MATES_WITHIN),
             for_mates: Vec::new(),
             extend_due: TimePs(0),
         }
     }
 
-    /// Forgets everything; `rate` is that of the capture timer.
-    pub fn restart(&mut self, rate: TickRate) {
-        let Self { rate: own, extender, occasions, pairing, for_mates, extend_due } = self;
-        *own = rate;
-        *extender = TickExtender::new(rate);
+    /// Forgets everything.
+    pub fn restart(&mut self, config: &AgentConfig) {
+        let Self { tick_sigma_ps, extender, clock, occasions, bursts, pairing, for_mates, extend_due } = self;
+        let oscillator = config.oscillator;
+        *tick_sigma_ps = oscillator.rate.tick_sigma_ps();
+        *extender = TickExtender::new(oscillator.rate);
+        *clock = GnssClock::new(oscillator);
         occasions.clear();
+        bursts.restart(config.srs_symbols);
         pairing.clear();
         for_mates.clear();
         *extend_due = TimePs(0);
@@ -79,7 +95,19 @@ impl Srs {
         }
     }
 
-    /// Takes in the captures of this step and opens the gates that are due.
+    /// The clock that arrivals are read off, as of the timer's last reading.
+    #[must_use]
+    pub fn clock_state(&self) -> ClockState {
+        self.clock.state(self.extender.ticks())
+    }
+
+    /// What became of the captures of users that this drone serves.
+    #[must_use]
+    pub const fn tdoa_counts(&self) -> &TdoaCounts {
+        self.pairing.counts()
+    }
+
+    /// Takes in pulse and captures of this step and opens the gates that are due.
     pub fn step(
         &mut self,
         now: TimePs,
@@ -90,27 +118,71 @@ impl Srs {
         counters: &mut Counters,
     ) {
         // The extension costs divisions, and nobody asks for it between captures.
-        if !inputs.captures.is_empty() || now >= self.extend_due {
+        if !inputs.captures.is_empty() || inputs.pulse.is_some() || now >= self.extend_due {
             self.extender.step(inputs.timer_ticks, now);
             self.extend_due = now.after(EXTEND_EVERY);
+            counters.timer_gaps = self.extender.gaps();
         }
-        for capture in &inputs.captures {
-            let (Some(announced), Some(nav)) = (self.occasions.get(capture.occasion), fix) else {
-                Counters::count(&mut counters.captures_unknown);
-                continue;
-            };
-            let toa = self.rate.time_of(self.extender.extend(capture.ticks));
-            // Back to the transmission: at 10 m/s the microseconds in between do not matter.
-            let moved = nav.vel_enu_mps * now.since(announced.at).as_secs_f32();
-            let pos = PosEnuMm((nav.pos_enu_m - moved).map(mm_from_m).into());
-            let occasion = capture.occasion;
-            if announced.serving == me {
-                self.pairing.own(now, OwnCapture { occasion, user: announced.user, time: toa, pos });
-            } else if self.for_mates.push(CaptureEntry { occasion, toa, pos }).is_err() {
+        if let Some(pulse) = inputs.pulse {
+            self.clock.pulse(self.extender.extend(pulse.ticks), pulse.second.into());
+            counters.pulses_rejected = self.clock.counters().rejected;
+            counters.pulses_replaced = self.clock.counters().replaced;
+        }
+        self.take_captures(now, inputs, fix, me, counters);
+        self.occasions.step(now, me, |gate| outputs.srs_gates.push(gate).is_ok());
+    }
+
+    fn take_captures(
+        &mut self,
+        now: TimePs,
+        inputs: &Inputs,
+        fix: Option<&NavFix>,
+        me: DroneId,
+        counters: &mut Counters,
+    ) {
+        let Self { tick_sigma_ps, extender, clock, occasions, bursts, pairing, for_mates, .. } = self;
+        if inputs.captures.is_empty() && bursts.are_none() {
+            return;
+        }
+        let state = clock.state(extender.ticks());
+        let error_mm = fix.map_or(0, |nav| mm_from_m(nav.error_radius_m).clamp(0, u16::MAX.into())) as u16;
+        let mut refused = 0_u32;
+        let mut unknown = 0_u32;
+        let mut arrive = |arrival: Arrival| {
+            let Arrival { heard: Heard { occasion, user, serving, pos }, toa, sigma, excluded } = arrival;
+            counters.symbols_excluded = counters.symbols_excluded.saturating_add(excluded.into());
+            if serving == me {
+                let own = OwnCapture { occasion, user, time: toa, pos, sigma, clock: state, error_mm };
+                pairing.own(now, own);
+            } else if for_mates.push(CaptureEntry { occasion, toa, pos, sigma, clock: state }).is_err() {
                 Counters::count(&mut counters.captures_overflowed);
             }
+        };
+        for capture in &inputs.captures {
+            let (Some(announced), Some(nav)) = (occasions.get(capture.occasion), fix) else {
+                Counters::count(&mut unknown);
+                continue;
+            };
+            // Back to the transmission: at 10 m/s the microseconds in between do not matter.
+            let moved = nav.vel_enu_mps * now.since(announced.at).as_secs_f32();
+            let heard = Heard {
+                occasion: capture.occasion,
+                user: announced.user,
+                serving: announced.serving,
+                pos: PosEnuMm((nav.pos_enu_m - moved).map(mm_from_m).into()),
+            };
+            let symbol = Symbol {
+                number: capture.symbol,
+                toa: clock.local_or_gnss(extender.extend(capture.ticks)),
+                sigma: with_tick(capture.sigma, *tick_sigma_ps),
+            };
+            if !bursts.take(heard, symbol, &mut arrive) {
+                Counters::count(&mut refused);
+            }
         }
-        self.occasions.step(now, me, |gate| outputs.srs_gates.push(gate).is_ok());
+        bursts.settle(&mut arrive);
+        counters.captures_unknown = counters.captures_unknown.saturating_add(unknown);
+        counters.symbols_refused = counters.symbols_refused.saturating_add(refused);
     }
 
     /// Captures of occasions that a fleet mate serves, handed over once, in slices of at most `size`.
@@ -123,4 +195,10 @@ impl Srs {
     pub fn drain_tdoa(&mut self, now: TimePs, emit: impl FnMut(TdoaEntry)) {
         self.pairing.drain(now, emit);
     }
+}
+
+/// A receiver's deviation with that of its counter.
+fn with_tick(sigma: ToaSigma, tick_sigma_ps: u32) -> ToaSigma {
+    let variance = u64::from(sigma.ps()).pow(2).saturating_add(u64::from(tick_sigma_ps).pow(2));
+    ToaSigma::from_ps(root(variance))
 }

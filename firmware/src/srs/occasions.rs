@@ -119,7 +119,12 @@ impl Occasions {
     /// What was announced as `occasion`.
     #[must_use]
     pub fn get(&self, occasion: OccasionId) -> Option<Announced> {
-        self.pending.iter().find(|p| p.occasion == occasion).map(Pending::announced)
+        // Occasions are numbered in the order in which they are announced: nearly always it lies where it would with
+        // none missing.
+        let first = self.pending.first()?.occasion.0;
+        let there = self.pending.get(occasion.0.wrapping_sub(first) as usize);
+        let found = there.filter(|p| p.occasion == occasion);
+        found.or_else(|| self.pending.iter().find(|p| p.occasion == occasion)).map(Pending::announced)
     }
 }
 

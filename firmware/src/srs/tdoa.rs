@@ -1,9 +1,13 @@
 //! Differences of arrival time, formed at the serving drone.
 
-use super::slots::Slots;
+use super::{
+    gate::{self, End},
+    slots::Slots,
+    words::Words,
+};
 use heapless::Vec;
-use skyroost_protocol::message::{CaptureEntry, MateTdoa, TdoaEntry, TdoaFlags};
-use skyroost_protocol::units::{DroneId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId};
+use skyroost_protocol::message::{CaptureEntry, ClockState, MateTdoa, TdoaCounts, TdoaEntry, TdoaFlags};
+use skyroost_protocol::units::{DroneId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId};
 
 /// Most occasions remembered at a time.
 pub const MAX_PENDING: usize = 32;
@@ -21,29 +25,12 @@ pub struct OwnCapture {
     pub time: TimePs,
     /// Own position at the arrival.
     pub pos: PosEnuMm,
-}
-
-/// What became of the captures so far; every count saturates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PairingCounters {
-    /// Differences formed.
-    pub hits: u32,
-    /// Differences not formed: the mate's capture did not come in time.
-    pub misses: u32,
-    /// Captures of mates dropped: the own one did not come in time.
-    pub stale: u32,
-    /// Captures dropped: the same drone had captured the occasion already, or both mates had.
-    pub duplicates: u32,
-    /// Occasions dropped for newer ones before they were reported.
-    pub evicted: u32,
-    /// Differences clamped to 32 bits, and flagged.
-    pub saturated: u32,
-}
-
-impl PairingCounters {
-    const fn new() -> Self {
-        Self { hits: 0, misses: 0, stale: 0, duplicates: 0, evicted: 0, saturated: 0 }
-    }
+    /// How well it was captured.
+    pub sigma: ToaSigma,
+    /// The own clock.
+    pub clock: ClockState,
+    /// Bound of the position's error, and of the mates', millimetres.
+    pub error_mm: u16,
 }
 
 /// Pairs own captures with those of the fleet mates, in whatever order they come.
@@ -55,7 +42,7 @@ pub struct Pairing {
     /// In order of first capture.
     pending: Slots<Pending, MAX_PENDING>,
     max_age: TimePs,
-    counters: PairingCounters,
+    counts: TdoaCounts,
 }
 
 /// What is known of one occasion.
@@ -76,6 +63,9 @@ struct Own {
     user: UserId,
     time: Words,
     pos: PosEnuMm,
+    sigma: ToaSigma,
+    clock: ClockState,
+    error_mm: u16,
 }
 
 /// A [`CaptureEntry`] but for its occasion, and whose it is.
@@ -84,63 +74,51 @@ struct Mate {
     drone: DroneId,
     toa: Words,
     pos: PosEnuMm,
+    sigma: ToaSigma,
+    clock: ClockState,
 }
 
-/// A time in two words: in its own type it would pad everything around it to eight bytes.
-#[derive(Clone, Copy, Debug)]
-struct Words([u32; 2]);
-
-impl Words {
-    const fn new(time: TimePs) -> Self {
-        Self([time.0 as u32, (time.0 >> 32) as u32])
-    }
-
-    const fn time(self) -> TimePs {
-        let Self([low, high]) = self;
-        TimePs((high as i64) << 32 | low as i64)
-    }
-}
+#[cfg(target_pointer_width = "32")]
+const _: () = assert!(size_of::<Pending>() <= 104, "a board has 32 of them");
 
 impl Pairing {
     /// An empty table that waits for the last capture of an occasion until `max_age` after the first.
     #[must_use]
     pub const fn new(max_age: TimePs) -> Self {
-        Self {
-            pending: Slots::new(Pending::new(TimePs(0), OccasionId(0))),
-            max_age,
-            counters: PairingCounters::new(),
-        }
+        let unused = Pending::new(TimePs(0), OccasionId(0));
+        Self { pending: Slots::new(unused), max_age, counts: TdoaCounts::NONE }
     }
 
     /// Forgets everything, the counts included.
-    pub fn clear(&mut self) {
+    pub const fn clear(&mut self) {
         self.pending.clear();
-        self.counters = PairingCounters::new();
+        self.counts = TdoaCounts::NONE;
     }
 
     /// What became of the captures so far.
     #[must_use]
-    pub const fn counters(&self) -> &PairingCounters {
-        &self.counters
+    pub const fn counts(&self) -> &TdoaCounts {
+        &self.counts
     }
 
     /// Takes an own capture.
     pub fn own(&mut self, now: TimePs, capture: OwnCapture) {
         let Some(pending) = self.entry(now, capture.occasion) else { return };
         if pending.own.is_some() {
-            count(&mut self.counters.duplicates, 1);
+            count(&mut self.counts.duplicates, 1);
         } else {
-            let OwnCapture { user, time, pos, .. } = capture;
-            pending.own = Some(Own { user, time: Words::new(time), pos });
+            let OwnCapture { user, time, pos, sigma, clock, error_mm, .. } = capture;
+            pending.own = Some(Own { user, time: Words::new(time), pos, sigma, clock, error_mm });
         }
     }
 
     /// Takes a capture of a fleet mate.
     pub fn mate(&mut self, now: TimePs, drone: DroneId, capture: &CaptureEntry) {
         let Some(pending) = self.entry(now, capture.occasion) else { return };
-        let mate = Mate { drone, toa: Words::new(capture.toa), pos: capture.pos };
+        let CaptureEntry { toa, pos, sigma, clock, .. } = *capture;
+        let mate = Mate { drone, toa: Words::new(toa), pos, sigma, clock };
         if !pending.hear(mate) {
-            count(&mut self.counters.duplicates, 1);
+            count(&mut self.counts.duplicates, 1);
         }
     }
 
@@ -154,7 +132,7 @@ impl Pairing {
 
     /// The oldest occasion that is complete or due, for a caller whose room is bounded: the others wait.
     pub fn pop(&mut self, now: TimePs) -> Option<TdoaEntry> {
-        let Self { pending, max_age, counters } = self;
+        let Self { pending, max_age, counts } = self;
         let mut entry = None;
         pending.retain_mut(|pending| {
             if entry.is_some() {
@@ -162,7 +140,7 @@ impl Pairing {
             }
             let due = now.since(pending.since.time()) >= *max_age;
             if !pending.reported && (due || pending.is_complete()) {
-                entry = pending.settle(counters);
+                entry = pending.settle(counts);
             }
             !due
         });
@@ -184,7 +162,7 @@ impl Pairing {
     fn evict(&mut self) {
         let reported = self.pending.position(|pending| pending.reported);
         if reported.is_none() {
-            count(&mut self.counters.evicted, 1);
+            count(&mut self.counts.evicted, 1);
         }
         self.pending.remove(reported.unwrap_or(0));
     }
@@ -214,37 +192,42 @@ impl Pending {
 
     /// Forms the differences there are and counts those there are not. Nothing to report without a
     /// single one.
-    fn settle(&mut self, counters: &mut PairingCounters) -> Option<TdoaEntry> {
+    fn settle(&mut self, counts: &mut TdoaCounts) -> Option<TdoaEntry> {
         self.reported = true;
         let formed = self.mates.iter().flatten().count() as u32;
         let Some(own) = self.own else {
-            count(&mut counters.stale, formed);
+            count(&mut counts.stale, formed);
             return None;
         };
-        count(&mut counters.hits, formed);
-        count(&mut counters.misses, MATES as u32 - formed);
+        count(&mut counts.hits, formed);
+        count(&mut counts.misses, MATES as u32 - formed);
         let mut mates = Vec::new();
         for mate in self.mates.iter().flatten() {
-            let (tdoa, flags) = difference(mate.toa.time(), own.time.time());
-            count(&mut counters.saturated, u32::from(flags.contains(TdoaFlags::SATURATED)));
-            mates.push(MateTdoa { drone: mate.drone, tdoa, pos: mate.pos, flags }).ok()?;
+            let (tdoa, flags) = difference(&own, mate);
+            count(&mut counts.saturated, u32::from(flags.contains(TdoaFlags::SATURATED)));
+            count(&mut counts.gated, u32::from(flags.contains(TdoaFlags::GATED)));
+            let Mate { drone, pos, sigma, .. } = *mate;
+            mates.push(MateTdoa { drone, tdoa, pos, sigma, flags }).ok()?;
         }
         if mates.is_empty() {
             return None;
         }
-        let Own { user, time, pos } = own;
-        Some(TdoaEntry { occasion: self.occasion, user, time: time.time(), pos, mates })
+        let Own { user, time, pos, sigma, .. } = own;
+        Some(TdoaEntry { occasion: self.occasion, user, time: time.time(), pos, sigma, mates })
     }
 }
 
-/// Arrival time at a mate less that at the serving drone: differenced in 64 bits first, converted to 32
+/// Arrival time at a mate less that at the serving drone: differenced in 64 bits first, judged, converted to 32
 /// after, and clamped and flagged where it does not fit.
-fn difference(mate: TimePs, serving: TimePs) -> (TdoaPs, TdoaFlags) {
-    let wide = mate.since(serving).0;
+fn difference(own: &Own, mate: &Mate) -> (TdoaPs, TdoaFlags) {
+    let wide = mate.toa.time().since(own.time.time()).0;
+    let serving = End { pos: own.pos, sigma: own.sigma, clock: own.clock };
+    let mates = End { pos: mate.pos, sigma: mate.sigma, clock: mate.clock };
+    let flags = gate::judge(wide, &serving, &mates, own.error_mm);
     match i32::try_from(wide) {
-        Ok(tdoa) => (TdoaPs(tdoa), TdoaFlags::default()),
-        Err(_) if wide < 0 => (TdoaPs(i32::MIN), TdoaFlags::SATURATED),
-        Err(_) => (TdoaPs(i32::MAX), TdoaFlags::SATURATED),
+        Ok(tdoa) => (TdoaPs(tdoa), flags),
+        Err(_) if wide < 0 => (TdoaPs(i32::MIN), flags | TdoaFlags::SATURATED),
+        Err(_) => (TdoaPs(i32::MAX), flags | TdoaFlags::SATURATED),
     }
 }
 
@@ -267,11 +250,20 @@ mod tests {
             user: UserId(7 * occasion),
             time: TimePs(ps),
             pos: PosEnuMm([1, 2, 3]),
+            sigma: ToaSigma(600),
+            clock: ClockState::Free,
+            error_mm: 0,
         }
     }
 
     fn capture(occasion: u32, ps: i64) -> CaptureEntry {
-        CaptureEntry { occasion: OccasionId(occasion), toa: TimePs(ps), pos: PosEnuMm([4, 5, 6]) }
+        CaptureEntry {
+            occasion: OccasionId(occasion),
+            toa: TimePs(ps),
+            pos: PosEnuMm([4, 5, 6]),
+            sigma: ToaSigma(500),
+            clock: ClockState::Free,
+        }
     }
 
     fn drained(pairing: &mut Pairing, now: TimePs) -> std::vec::Vec<TdoaEntry> {
@@ -300,8 +292,8 @@ mod tests {
         pairing.own(TimePs(2), own(1, 100));
         assert!(drained(&mut pairing, TimePs::from_ms(499)).is_empty());
         assert!(drained(&mut pairing, MAX_AGE).is_empty());
-        let expected = PairingCounters { hits: 2, duplicates: 2, ..Default::default() };
-        assert_eq!(*pairing.counters(), expected);
+        let expected = TdoaCounts { hits: 2, duplicates: 2, ..Default::default() };
+        assert_eq!(*pairing.counts(), expected);
     }
 
     #[test]
@@ -315,8 +307,8 @@ mod tests {
         let entries = drained(&mut pairing, MAX_AGE.after(TimePs(5)));
         assert_eq!(entries.iter().map(values).collect::<std::vec::Vec<_>>(), [[(4, -70)]]);
         // Occasion 1 lacked one mate, occasion 2 both, occasion 3 the own capture.
-        let expected = PairingCounters { hits: 1, misses: 3, stale: 1, ..Default::default() };
-        assert_eq!(*pairing.counters(), expected);
+        let expected = TdoaCounts { hits: 1, misses: 3, stale: 1, ..Default::default() };
+        assert_eq!(*pairing.counts(), expected);
     }
 
     #[test]
@@ -330,9 +322,9 @@ mod tests {
         for occasion in 2..MAX_PENDING as u32 + 1 {
             pairing.own(TimePs(0), own(occasion, 0));
         }
-        assert_eq!(pairing.counters().evicted, 0, "only the reported occasion went");
+        assert_eq!(pairing.counts().evicted, 0, "only the reported occasion went");
         pairing.own(TimePs(0), own(100, 0));
-        assert_eq!(pairing.counters().evicted, 1);
+        assert_eq!(pairing.counts().evicted, 1);
         pairing.mate(TimePs(0), DroneId(4), &capture(2, 10));
         pairing.mate(TimePs(0), DroneId(5), &capture(2, 10));
         assert_eq!(drained(&mut pairing, TimePs(0)).len(), 1, "the second oldest is still there");
@@ -405,7 +397,7 @@ mod tests {
                     Some(drone) => drop(entry.1.insert(*drone, *ps)),
                 }
             }
-            let mut expected = PairingCounters { duplicates: repeated, ..Default::default() };
+            let mut expected = TdoaCounts { duplicates: repeated, ..Default::default() };
             let mut entries = BTreeMap::new();
             for (occasion, (own, mates)) in model {
                 let Some(own) = own else {
@@ -430,7 +422,7 @@ mod tests {
             found.sort_by_key(|entry| entry.occasion);
             let found: BTreeMap<u32, _> = found.iter().map(|entry| (entry.occasion.0, values(entry))).collect();
             prop_assert_eq!(found, entries);
-            prop_assert_eq!(*pairing.counters(), expected);
+            prop_assert_eq!(*pairing.counts(), expected);
         }
 
         /// Nothing is too much for the table, times that jump included.

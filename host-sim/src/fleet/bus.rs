@@ -204,6 +204,7 @@ impl<T: Transport> BusClient<T> {
             now,
             nav: inputs.nav.map(Into::into),
             timer_ticks: inputs.timer_ticks,
+            pulse: inputs.pulse.map(Into::into),
             battery_permille: inputs.battery_permille,
         });
         self.send_step(0, 0)

@@ -21,7 +21,7 @@ use skyroost_firmware::{
 use skyroost_protocol::{
     codec::{Frame, MAX_FRAME},
     message::{AttachedUser, MAX_ATTACHED_PER_FRAME},
-    units::{DroneId, TimePs, UserId},
+    units::{DroneId, TimePs, ToaSigma, UserId},
 };
 
 /// Steps from one report of the users heard to the next: a second.
@@ -47,6 +47,8 @@ pub(super) struct Drone {
     pub(super) gnss: Gnss,
     pub(super) battery: Battery,
     pub(super) tick_hz: u64,
+    /// What the receiver says of its captures.
+    toa_sigma: ToaSigma,
     pub(super) error_radius_m: f32,
     pub(super) radius_m: f64,
     /// Gates open or about to be.
@@ -70,6 +72,7 @@ pub(super) struct Parts {
     pub(super) gnss: Gnss,
     pub(super) battery: Battery,
     pub(super) tick_hz: u64,
+    pub(super) toa_sigma_ns: f64,
     pub(super) error_radius_m: f64,
     pub(super) radius_m: f64,
 }
@@ -90,6 +93,7 @@ impl Drone {
             gnss: parts.gnss,
             battery: parts.battery,
             tick_hz: parts.tick_hz,
+            toa_sigma: ToaSigma::from_ps((1e3 * parts.toa_sigma_ns) as u32),
             error_radius_m: parts.error_radius_m as f32,
             radius_m: parts.radius_m,
             gates: Vec::new(),
@@ -192,7 +196,8 @@ impl Drone {
     /// The timer captured an arrival; the board learns of it at its next step.
     pub(super) fn capture(&mut self, gate: &SrsGate, arrival_ps: i64) {
         let ticks = self.clock.ticks(arrival_ps, self.tick_hz) as u32;
-        self.captured.push(Capture { occasion: gate.occasion, ticks });
+        let sigma = self.toa_sigma;
+        self.captured.push(Capture { occasion: gate.occasion, ticks, symbol: 0, sigma });
     }
 }
 

@@ -357,6 +357,7 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
             gnss: Gnss::new(&gnss, dt_s, seed, index),
             battery: Battery::new(&battery, seed, index),
             tick_hz: scenario.srs.tick_hz,
+            toa_sigma_ns: scenario.srs.sigma_toa_ns,
             error_radius_m: scenario.fleet.r_s_m,
             radius_m: scenario.fleet.radius_m,
         },
@@ -367,7 +368,7 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
 /// What a drone of the scenario is born with.
 fn agent_config(scenario: &Scenario, id: DroneId) -> AgentConfig {
     let mut config = AgentConfig::new(id);
-    config.capture_rate = TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked");
+    config.oscillator.rate = TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked");
     config.share_period = TimePs((scenario.link.share_period_s * 1e12) as i64);
     config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
     config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;

@@ -10,7 +10,8 @@
 
 use super::{Down, Peer, TdoaFlags, Up};
 use crate::units::{
-    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps,
+    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
+    VelEnuMmps,
 };
 use heapless::Vec;
 
@@ -88,6 +89,7 @@ units! {
     MissionId(u16);
     TimePs(i64);
     TdoaPs(i32);
+    ToaSigma(u16);
     PosEnuMm([i32; 3]);
     VelEnuMmps([i16; 3]);
     TdoaFlags(u8);

@@ -18,8 +18,8 @@ pub use down::{
 };
 pub use layout::SCHEMA_HASH;
 pub(crate) use layout::{Layout, longest};
-pub use peer::{CaptureEntry, MAX_CAPTURES_PER_FRAME, Peer};
+pub use peer::{CaptureEntry, ClockState, MAX_CAPTURES_PER_FRAME, Peer};
 pub use up::{
     AckStatus, Attached, AttachedUser, EventCode, FlightPhase, MAX_ATTACHED_PER_FRAME, MAX_TDOA_PER_FRAME,
-    MateTdoa, SharedState, TdoaEntry, TdoaFlags, Telemetry, Up,
+    MateTdoa, SharedState, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
 };

@@ -1,7 +1,7 @@
 //! Among the drones of a fleet.
 
 use super::layout::wire;
-use crate::units::{OccasionId, PosEnuMm, TimePs};
+use crate::units::{OccasionId, PosEnuMm, TimePs, ToaSigma};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
@@ -36,5 +36,38 @@ wire! {
         pub toa: TimePs,
         /// Position of the sender at the arrival.
         pub pos: PosEnuMm,
+        /// How well the receiver and its counter captured it; the clock's error is not in it.
+        pub sigma: ToaSigma,
+        /// The clock that `toa` was read off.
+        pub clock: ClockState,
+    }
+
+    /// How a drone's clock stands to GNSS time.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    pub enum ClockState {
+        /// It runs by itself, its offset unknown: there was never a pulse per second to discipline it.
+        #[default]
+        Free,
+        /// Disciplined by the pulse per second.
+        Locked {
+            /// Standard deviation of its error, nanoseconds, rounded up; saturates.
+            sigma_ns: u16,
+        },
+        /// Disciplined once; the pulses have failed.
+        Held {
+            /// Standard deviation of its error, nanoseconds, rounded up; saturates.
+            sigma_ns: u16,
+        },
+    }
+}
+
+impl ClockState {
+    /// Standard deviation of the clock's error, nanoseconds; none where nobody knows it.
+    #[must_use]
+    pub const fn sigma_ns(self) -> Option<u16> {
+        match self {
+            Self::Locked { sigma_ns } | Self::Held { sigma_ns } if sigma_ns < u16::MAX => Some(sigma_ns),
+            _ => None,
+        }
     }
 }

@@ -1,7 +1,11 @@
 //! Drone to control center.
 
 use super::layout::wire;
-use crate::units::{CommandId, DroneId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps};
+use super::peer::ClockState;
+use crate::units::{
+    CommandId, DroneId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId, VelEnuMmps,
+};
+use core::ops::BitOr;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
@@ -133,6 +137,29 @@ wire! {
         pub frames_rejected: u32,
         /// Everything else the agent had to drop, clamp or refuse since boot.
         pub dropped: u32,
+        /// The clock that arrival times are read off.
+        pub clock: ClockState,
+        /// What became of the captures of the users that the drone serves.
+        pub tdoa: TdoaCounts,
+    }
+
+    /// What became of the captures of users that a drone serves, since boot; every count saturates.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct TdoaCounts {
+        /// Differences formed.
+        pub hits: u32,
+        /// Differences not formed: the mate's capture did not come in time.
+        pub misses: u32,
+        /// Captures of mates dropped: the own one did not come in time.
+        pub stale: u32,
+        /// Captures dropped: the same drone had captured the occasion already, or both mates had.
+        pub duplicates: u32,
+        /// Occasions dropped for newer ones before they were reported.
+        pub evicted: u32,
+        /// Differences greater than any place of the user explains, reported and flagged.
+        pub gated: u32,
+        /// Differences clamped to 32 bits, reported and flagged.
+        pub saturated: u32,
     }
 
     /// One page of the users that the drone's cell hears.
@@ -165,6 +192,8 @@ wire! {
         pub time: TimePs,
         /// Position of the serving drone at the arrival.
         pub pos: PosEnuMm,
+        /// How well the serving drone captured it; its clock's error is not in it.
+        pub sigma: ToaSigma,
         /// Fleet mates that captured the same transmission.
         pub mates: Vec<MateTdoa, 2>,
     }
@@ -178,6 +207,8 @@ wire! {
         pub tdoa: TdoaPs,
         /// Its position at the arrival.
         pub pos: PosEnuMm,
+        /// How well it captured the arrival, for itself; its clock's error is not in it.
+        pub sigma: ToaSigma,
         /// What to know about the value.
         pub flags: TdoaFlags,
     }
@@ -198,6 +229,12 @@ wire! {
     }
 }
 
+impl TdoaCounts {
+    /// Nothing counted yet.
+    pub const NONE: Self =
+        Self { hits: 0, misses: 0, stale: 0, duplicates: 0, evicted: 0, gated: 0, saturated: 0 };
+}
+
 /// What to know about a TDOA value; no bit set means nothing special.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TdoaFlags(pub u8);
@@ -205,10 +242,25 @@ pub struct TdoaFlags(pub u8);
 impl TdoaFlags {
     /// The difference did not fit 32 bits and was clamped.
     pub const SATURATED: Self = Self(1);
+    /// The difference is greater than the distance of the two drones explains, by more than both clocks are
+    /// stated to be off: one of the two captures is late, the mate's where the difference is positive.
+    pub const GATED: Self = Self(2);
+    /// One of the two clocks runs free, so that nothing can be said of the difference by itself.
+    pub const UNJUDGED: Self = Self(4);
+    /// One of the two clocks has lost its pulses.
+    pub const HELD: Self = Self(8);
 
     /// Whether all bits of `other` are set here.
     #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
+    }
+}
+
+impl BitOr for TdoaFlags {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
     }
 }

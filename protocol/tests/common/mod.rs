@@ -5,13 +5,14 @@ use proptest::option;
 use proptest::prelude::*;
 use skyroost_protocol::codec::encode;
 use skyroost_protocol::message::{
-    AckStatus, Attached, AttachedUser, CaptureEntry, Command, Down, EventCode, FlightPhase, Heading,
-    LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME,
+    AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
+    Heading, LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME,
     MAX_SRS_PER_REQUEST, MAX_TDOA_PER_FRAME, MateTdoa, MissionHeader, Peer, PeerState, SharedState,
-    SrsRequest, SrsRequestEntry, TdoaEntry, TdoaFlags, Telemetry, Up,
+    SrsRequest, SrsRequestEntry, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
 };
 use skyroost_protocol::units::{
-    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, UserId, VelEnuMmps,
+    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
+    VelEnuMmps,
 };
 use skyroost_protocol::{Frame, Message, Stamp};
 
@@ -67,9 +68,31 @@ fn phase() -> impl Strategy<Value = FlightPhase> {
     proptest::sample::select(&[Grounded, TakeOff, Hold, Sweep, GoTo, Serve, ReturnHome, Landing][..])
 }
 
+fn clock_state() -> impl Strategy<Value = ClockState> + Clone {
+    let sigma_ns = || id(|sigma_ns| sigma_ns);
+    prop_oneof![
+        Just(ClockState::Free),
+        sigma_ns().prop_map(|sigma_ns| ClockState::Locked { sigma_ns }),
+        sigma_ns().prop_map(|sigma_ns| ClockState::Held { sigma_ns }),
+    ]
+}
+
+fn tdoa_counts() -> impl Strategy<Value = TdoaCounts> {
+    any::<[u32; 7]>().prop_map(|[hits, misses, stale, duplicates, evicted, gated, saturated]| TdoaCounts {
+        hits,
+        misses,
+        stale,
+        duplicates,
+        evicted,
+        gated,
+        saturated,
+    })
+}
+
 fn telemetry() -> impl Strategy<Value = Telemetry> {
-    (time(), phase(), option::of(id(MissionId)), any::<[u32; 5]>(), any::<[u16; 2]>()).prop_map(
-        |(time, phase, mission, counts, shorts)| Telemetry {
+    let srs = (clock_state(), tdoa_counts());
+    (time(), phase(), option::of(id(MissionId)), any::<[u32; 5]>(), any::<[u16; 2]>(), srs).prop_map(
+        |(time, phase, mission, counts, shorts, (clock, tdoa))| Telemetry {
             time,
             phase,
             mission,
@@ -80,6 +103,8 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             frames_lost: counts[2],
             frames_rejected: counts[3],
             dropped: counts[4],
+            clock,
+            tdoa,
         },
     )
 }
@@ -91,15 +116,22 @@ fn attached() -> impl Strategy<Value = Attached> {
 }
 
 fn tdoa_entry() -> impl Strategy<Value = TdoaEntry> + Clone {
-    let mate = (id(DroneId), any::<i32>(), pos(), any::<u8>()).prop_map(|(drone, tdoa, pos, flags)| {
-        MateTdoa { drone, tdoa: TdoaPs(tdoa), pos, flags: TdoaFlags(flags) }
-    });
-    let head = (id32(OccasionId), id32(UserId), time(), pos());
-    (head, vec(mate, 0..=2)).prop_map(|((occasion, user, time, pos), mates)| TdoaEntry {
+    let mate = (id(DroneId), any::<i32>(), pos(), id(ToaSigma), any::<u8>()).prop_map(
+        |(drone, tdoa, pos, sigma, flags)| MateTdoa {
+            drone,
+            tdoa: TdoaPs(tdoa),
+            pos,
+            sigma,
+            flags: TdoaFlags(flags),
+        },
+    );
+    let head = (id32(OccasionId), id32(UserId), time(), pos(), id(ToaSigma));
+    (head, vec(mate, 0..=2)).prop_map(|((occasion, user, time, pos, sigma), mates)| TdoaEntry {
         occasion,
         user,
         time,
         pos,
+        sigma,
         mates: mates.into_iter().collect(),
     })
 }
@@ -199,11 +231,8 @@ pub(crate) fn down() -> impl Strategy<Value = Down> {
 
 /// Any message among fleet mates.
 pub(crate) fn peer() -> impl Strategy<Value = Peer> {
-    let capture = (id32(OccasionId), time(), pos()).prop_map(|(occasion, toa, pos)| CaptureEntry {
-        occasion,
-        toa,
-        pos,
-    });
+    let capture = (id32(OccasionId), time(), pos(), id(ToaSigma), clock_state())
+        .prop_map(|(occasion, toa, pos, sigma, clock)| CaptureEntry { occasion, toa, pos, sigma, clock });
     prop_oneof![
         bounded::<_, MAX_CAPTURES_PER_FRAME>(capture).prop_map(Peer::Captures),
         (time(), any::<i64>(), any::<u16>(), any::<u32>()).prop_map(

@@ -9,16 +9,18 @@ use skyroost_firmware::{
     Vec3,
     config::AgentConfig,
     counters::Counters,
-    io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, MAX_FRAMES_PER_STEP, NavFix},
+    io::{Capture, Inputs, MAX_CAPTURES_PER_STEP, MAX_FRAMES_PER_STEP, NavFix, Pulse},
 };
 use skyroost_protocol::{
     codec::{Frame, Sender},
     message::{
-        AttachedUser, CaptureEntry, Command, Down, Heading, LanePiece, MAX_ATTACHED_PER_FRAME,
+        AttachedUser, CaptureEntry, ClockState, Command, Down, Heading, LanePiece, MAX_ATTACHED_PER_FRAME,
         MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, MissionHeader,
         Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry, lanes_crc,
     },
-    units::{CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, UserId, VelEnuMmps},
+    units::{
+        CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps,
+    },
 };
 
 /// The drone under test and its mates.
@@ -32,6 +34,10 @@ const OCCASIONS: u32 = 240;
 #[derive(Clone, Debug)]
 pub(crate) struct Script {
     epoch: TimePs,
+    /// Symbols of an SRS.
+    srs_symbols: u8,
+    /// Whether there is a pulse every second.
+    pulses: bool,
     header: MissionHeader,
     waypoints_mm: Vec<[i32; 2]>,
     reach: Reach,
@@ -60,7 +66,9 @@ struct Stretch {
     nav: Nav,
     ticks: u32,
     battery_permille: u16,
-    captures: Vec<(u32, u32)>,
+    pulse: Option<(u32, i32)>,
+    /// Occasion, ticks, symbol, deviation.
+    captures: Vec<(u32, u32, u8, u16)>,
     attached: Vec<(u32, u16)>,
     words: Vec<Word>,
     calm_steps: u16,
@@ -87,7 +95,7 @@ enum Word {
         users: Vec<(u32, u16)>,
     },
     Peers(Vec<Neighbour>),
-    Captures(u16, Vec<(u32, TimePs, [i32; 3])>),
+    Captures(u16, Vec<(u32, TimePs, [i32; 3], u16, ClockState)>),
     Phase {
         sender: u16,
         ahead: TimePs,
@@ -137,14 +145,16 @@ pub(crate) struct Flight {
     last: Frame,
     command: u16,
     header: MissionHeader,
+    pulses: bool,
 }
 
 impl Flight {
-    pub(crate) fn new(epoch: TimePs, header: MissionHeader) -> Self {
+    pub(crate) fn new(epoch: TimePs, header: MissionHeader, srs_symbols: u8, pulses: bool) -> Self {
+        let config = AgentConfig { srs_symbols, ..AgentConfig::new(MATES[0]) };
         let mut inputs = Inputs::new();
         inputs.battery_permille = 900;
         Self {
-            pair: Pair::new(AgentConfig::new(MATES[0])),
+            pair: Pair::new(config),
             now: epoch,
             pos_m: Vec3::zeros(),
             inputs,
@@ -153,6 +163,7 @@ impl Flight {
             last: Frame::new(),
             command: 0,
             header,
+            pulses,
         }
     }
 
@@ -170,6 +181,14 @@ impl Flight {
                 error_radius_m,
             }),
         };
+        let us = self.now.as_us();
+        if self.pulses && us.rem_euclid(1_000_000) < 20_000 {
+            let second = us.div_euclid(1_000_000) as i32;
+            let jitter = second.wrapping_mul(7_919).rem_euclid(41) as u32;
+            self.inputs
+                .pulse
+                .get_or_insert(Pulse { ticks: self.inputs.timer_ticks.wrapping_sub(jitter), second });
+        }
         self.pair.step(self.now, &self.inputs)?;
         self.inputs.clear();
         self.inputs.timer_ticks = self.inputs.timer_ticks.wrapping_add(19_660_800);
@@ -294,11 +313,16 @@ impl Flight {
             }
             Word::Captures(mate, captures) => {
                 let now = self.now;
-                let entry = |&(occasion, ahead, pos_mm): &(u32, TimePs, [i32; 3])| CaptureEntry {
-                    occasion: OccasionId(occasion),
-                    toa: now.after(ahead),
-                    pos: PosEnuMm(pos_mm),
-                };
+                let entry =
+                    |&(occasion, ahead, pos_mm, sigma, clock): &(u32, TimePs, [i32; 3], u16, ClockState)| {
+                        CaptureEntry {
+                            occasion: OccasionId(occasion),
+                            toa: now.after(ahead),
+                            pos: PosEnuMm(pos_mm),
+                            sigma: ToaSigma(sigma),
+                            clock,
+                        }
+                    };
                 self.mate(*mate, &Peer::Captures(captures.iter().map(entry).collect()))
             }
             Word::Phase { sender, ahead, phase_um, rate_mmps, track_error_mm } => {
@@ -331,11 +355,12 @@ impl Flight {
         for word in &stretch.words {
             self.word(word)?;
         }
-        for &(occasion, ticks) in &stretch.captures {
+        self.inputs.pulse = stretch.pulse.map(|(ticks, second)| Pulse { ticks, second });
+        for &(occasion, ticks, symbol, sigma) in &stretch.captures {
             // Close to the counter as well, where captures really are.
             let ticks =
                 if ticks % 2 == 0 { ticks } else { self.inputs.timer_ticks.wrapping_sub(ticks % 40_000_000) };
-            let capture = Capture { occasion: OccasionId(occasion), ticks };
+            let capture = Capture { occasion: OccasionId(occasion), ticks, symbol, sigma: ToaSigma(sigma) };
             self.inputs.captures.push(capture).expect("no more than there is room for");
         }
         for &(user, timing_advance) in &stretch.attached {
@@ -356,7 +381,7 @@ impl Flight {
 impl Script {
     /// Flies it on both, and returns what both counted.
     pub(crate) fn fly(&self) -> Result<(Counters, Pair), String> {
-        let mut flight = Flight::new(self.epoch, self.header);
+        let mut flight = Flight::new(self.epoch, self.header, self.srs_symbols, self.pulses);
         flight.reach(self.reach, &self.waypoints_mm)?;
         for stretch in &self.stretches {
             flight.stretch(stretch)?;
@@ -385,6 +410,8 @@ pub(crate) fn flood() -> Result<Counters, String> {
             waypoints: lanes_mm.len() as u16,
             d_safe_mm: 10_000,
         },
+        2,
+        true,
     );
     flight.reach(Reach::Sweeping, &lanes_mm)?;
     let users: Vec<_> = (0..MAX_SRS_PER_REQUEST as u32).map(|user| (user, 1 + (user % 3) as u16)).collect();
@@ -396,10 +423,13 @@ pub(crate) fn flood() -> Result<Counters, String> {
     for round in 0..60 {
         for place in 0..MAX_CAPTURES_PER_STEP as u32 {
             let occasion = OccasionId((round * 7 + place / 2) % OCCASIONS);
-            let capture = Capture { occasion, ticks: flight.inputs.timer_ticks.wrapping_sub(place) };
+            let ticks = flight.inputs.timer_ticks.wrapping_sub(place);
+            let capture = Capture { occasion, ticks, symbol: (place % 2) as u8, sigma: ToaSigma(600) };
             flight.inputs.captures.push(capture).expect("there is room");
         }
-        let toas = (0..MAX_CAPTURES_PER_FRAME as u32).map(|k| (round * 7 + k, TimePs::from_ms(-5), [0; 3]));
+        let clock = ClockState::Locked { sigma_ns: 5 };
+        let toa = |k| (round * 7 + k, TimePs::from_ms(-5), [0; 3], 600, clock);
+        let toas = (0..MAX_CAPTURES_PER_FRAME as u32).map(toa);
         flight.word(&Word::Captures(round as u16, toas.collect()))?;
         flight.calm(1)?;
     }

@@ -7,8 +7,8 @@ use skyroost_firmware::io::{MAX_CAPTURES_PER_STEP, MAX_FRAMES_PER_STEP};
 use skyroost_protocol::{
     codec::MAX_FRAME,
     message::{
-        Command, Down, Heading, LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE,
-        MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, MissionHeader,
+        ClockState, Command, Down, Heading, LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME,
+        MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, MissionHeader,
     },
     units::{CommandId, DroneId, FleetId, MissionId, PosEnuMm, TimePs},
 };
@@ -159,7 +159,12 @@ fn word() -> impl Strategy<Value = Word> {
     ];
     let spacing = prop_oneof![4 => (0_i64..30).prop_map(TimePs::from_ms), 1 => time()];
     let users = vec((0_u32..50, 1_u16..5), 0..=MAX_SRS_PER_REQUEST);
-    let toa = (0..OCCASIONS, time(), position_mm());
+    let clock = prop_oneof![
+        Just(ClockState::Free),
+        any::<u16>().prop_map(|sigma_ns| ClockState::Held { sigma_ns }),
+        (0..100_u16).prop_map(|sigma_ns| ClockState::Locked { sigma_ns }),
+    ];
+    let toa = (0..OCCASIONS, time(), position_mm(), any::<u16>(), clock);
     prop_oneof![
         2 => order.prop_map(Word::Order),
         2 => wild_down().prop_map(Word::Down),
@@ -191,19 +196,21 @@ fn stretch() -> impl Strategy<Value = Stretch> {
     // Mostly a few, sometimes as many as there is room for.
     let words = prop_oneof![6 => vec(word(), 0..4), 1 => vec(word(), MAX_FRAMES_PER_STEP)];
     let captures = prop_oneof![3 => 0..3_usize, 1 => Just(MAX_CAPTURES_PER_STEP)]
-        .prop_flat_map(|count| vec((0..OCCASIONS, any::<u32>()), count));
+        .prop_flat_map(|count| vec((0..OCCASIONS, any::<u32>(), 0..5_u8, any::<u16>()), count));
+    let pulse = prop_oneof![9 => Just(None), 1 => any::<(u32, i32)>().prop_map(Some)];
     let attached =
         prop_oneof![4 => Just(0), 1 => 1..MAX_ATTACHED_PER_FRAME, 1 => Just(MAX_ATTACHED_PER_FRAME)]
             .prop_flat_map(|count| vec((any::<u32>(), any::<u16>()), count));
     let battery = prop_oneof![8 => 151_u16..=1_000, 1 => 0_u16..200, 1 => any::<u16>()];
     let ticks = prop_oneof![4 => Just(0_u32), 1 => any::<u32>()];
     let calm = prop_oneof![4 => 0_u16..3, 1 => 3_u16..120];
-    (gap, nav, ticks, battery, captures, attached, words, calm).prop_map(
-        |(gap, nav, ticks, battery_permille, captures, attached, words, calm_steps)| Stretch {
+    (gap, nav, ticks, battery, pulse, captures, attached, words, calm).prop_map(
+        |(gap, nav, ticks, battery_permille, pulse, captures, attached, words, calm_steps)| Stretch {
             gap,
             nav,
             ticks,
             battery_permille,
+            pulse,
             captures,
             attached,
             words,
@@ -236,10 +243,13 @@ pub(crate) fn script() -> impl Strategy<Value = Script> {
     lanes()
         .prop_flat_map(|lanes| (header(lanes.len() as u16), Just(lanes)))
         .prop_flat_map(move |(header, lanes)| {
-            (epoch.clone(), Just(header), Just(lanes), reach.clone(), vec(stretch(), 0..40))
+            let srs = (0..=4_u8, any::<bool>());
+            (epoch.clone(), srs, Just(header), Just(lanes), reach.clone(), vec(stretch(), 0..40))
         })
-        .prop_map(|(epoch, header, waypoints_mm, reach, stretches)| Script {
+        .prop_map(|(epoch, (srs_symbols, pulses), header, waypoints_mm, reach, stretches)| Script {
             epoch: TimePs(epoch),
+            srs_symbols,
+            pulses,
             header,
             waypoints_mm,
             reach,

@@ -142,7 +142,8 @@ impl Pilot {
         let (Some(identity), Some(gps_s)) = (self.board.identity(), self.board.gps_s(now)) else { return };
         let mut config = AgentConfig::new(identity.drone);
         config.boot_epoch = epoch_at_birth(self.start.last_epoch, gps_s);
-        config.capture_rate = TIMER_RATE;
+        // TIM2 captures triggers and pulses alike: one oscillator, one discipline.
+        config.oscillator = OSCILLATOR;
         supply::keep_epoch(config.boot_epoch);
         self.shell.begin(config).await;
         defmt::info!("drone {=u16} begins, boot epoch {=u16}", identity.drone.0, config.boot_epoch);

@@ -15,7 +15,7 @@
 //! Everything is integers: times in picoseconds, rates in units of 2^-50, variances in ps² and ps²/s and (ps/s)²
 //! with twenty bits of fraction, spans of time that variances grow over in seconds with sixteen.
 
-use crate::srs::clock::TickRate;
+use crate::{scalar::root, srs::clock::TickRate};
 use core::num::NonZeroU64;
 use skyroost_protocol::units::TimePs;
 
@@ -187,7 +187,7 @@ impl Line {
         let Covariance { offset, cross, slope } = self.covariance.after(span, oscillator);
         let innovation = offset + oscillator.pulse_variance();
         let residual = second.saturating_mul(PS_PER_S).saturating_sub(predicted);
-        if residual.unsigned_abs() > u64::from(root(innovation)) * GATE_SIGMAS {
+        if residual.unsigned_abs() > u64::from(deviation_ps(innovation)) * GATE_SIGMAS {
             return None;
         }
         let (to_offset, to_slope) = (ratio(offset, innovation), ratio(cross, innovation));
@@ -233,7 +233,7 @@ impl Line {
     pub(super) fn sigma_ps(&self, local: TimePs, oscillator: &Oscillator) -> u32 {
         let after = self.covariance.after(self.span(local), oscillator);
         // Where in their ticks edges lie may be the same in every second.
-        root(after.offset + oscillator.tick_variance())
+        deviation_ps(after.offset + oscillator.tick_variance())
     }
 
     /// Whole seconds between a nominal time and the last pulse.
@@ -253,6 +253,6 @@ const fn nearest_second(time: i64) -> i64 {
 }
 
 /// Standard deviation of a variance, picoseconds; saturates.
-fn root(variance: i128) -> u32 {
-    u64::try_from(variance >> VARIANCE_BITS).unwrap_or(u64::MAX).isqrt() as u32
+fn deviation_ps(variance: i128) -> u32 {
+    root(u64::try_from(variance >> VARIANCE_BITS).unwrap_or(u64::MAX))
 }

@@ -13,12 +13,14 @@ pub use line::{MAX_GAP_S, Oscillator};
 use crate::counters::Counters;
 use label::SecondLabel;
 use line::{Line, PS_PER_S};
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::{message::ClockState, units::TimePs};
 
 /// Pulses in a row that make a line worth believing.
 const LOCK_PULSES: u8 = 4;
 /// Pulses in a row, all refused by the line in use, that make another line replace it.
 const RIVAL_PULSES: u8 = 8;
+/// Without a pulse for this long, a clock is held over.
+const HELD_AFTER_S: i64 = 2;
 /// What is called the bound of an error that has a standard deviation.
 const BOUND_SIGMAS: u64 = 5;
 
@@ -198,6 +200,30 @@ impl GnssClock {
         let local = self.oscillator.rate.time_of(ticks);
         let time = TimePs(offset_s.checked_mul(PS_PER_S)?.checked_add(line.time_at(local).0)?);
         Some(Reading { time, sigma_ps: line.sigma_ps(local, &self.oscillator) })
+    }
+
+    /// The time to give something captured at `ticks`: GNSS time once it was ever known, and until then what the
+    /// timer by itself says.
+    #[must_use]
+    pub fn local_or_gnss(&self, ticks: i64) -> TimePs {
+        let local = self.oscillator.rate.time_of(ticks);
+        let gnss = self
+            .known()
+            .map(|(line, offset_s)| line.time_at(local).after(TimePs(offset_s.saturating_mul(PS_PER_S))));
+        gnss.unwrap_or(local)
+    }
+
+    /// What that time is worth when the timer reads `ticks`.
+    #[must_use]
+    pub fn state(&self, ticks: i64) -> ClockState {
+        let Some((line, _)) = self.known() else { return ClockState::Free };
+        let local = self.oscillator.rate.time_of(ticks);
+        let sigma_ns = line.sigma_ps(local, &self.oscillator).div_ceil(1000).min(u16::MAX.into()) as u16;
+        if line.gap_s(local) < HELD_AFTER_S {
+            ClockState::Locked { sigma_ns }
+        } else {
+            ClockState::Held { sigma_ns }
+        }
     }
 
     /// What the timer reads at a GNSS time, rounded to the nearest tick; none as long as it is not known, and beyond

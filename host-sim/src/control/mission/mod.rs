@@ -10,7 +10,9 @@ mod stages;
 
 use crate::{
     control::{
-        localize::{Capture, Localization, LocalizeError, Occasion, Running, RunningFix, localize},
+        localize::{
+            Capture, Localization, LocalizeError, MAX_CAPTURES, Occasion, Running, RunningFix, localize,
+        },
         place::{PlaceError, Placement},
         relay::Relay,
         srs_schedule::{FleetSchedule, Scheduled},
@@ -23,8 +25,8 @@ use refine::Refinement;
 use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
-    message::{Down, EventCode, FlightPhase, PeerState, TdoaEntry, TdoaFlags, Up},
-    units::{DroneId, OccasionId, PosEnuMm, TimePs, UserId},
+    message::{Down, EventCode, FlightPhase, MateTdoa, PeerState, TdoaEntry, TdoaFlags, Up},
+    units::{DroneId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId},
 };
 use thiserror::Error;
 
@@ -140,6 +142,8 @@ pub struct ControlCounters {
     pub tdoa_repeated: u64,
     /// Differences that did not fit their 32 bits.
     pub tdoa_saturated: u64,
+    /// Differences that no place of the user explains: a capture behind each was left out as late.
+    pub tdoa_gated: u64,
 }
 
 /// Something the operator should know.
@@ -468,19 +472,32 @@ impl ControlCenter {
             self.counters.tdoa_repeated += 1;
             return;
         }
-        let own =
-            Capture { drone: serving, pos_enu_m: pos_m(&entry.pos).into(), toa_ns: 0.0, sigma_ns: None };
-        let mut captures = heapless::Vec::from_iter([own]);
+        let sigma_ns = |sigma: ToaSigma| Some(f64::from(sigma.ps()) * 1e-3);
+        let own = Capture {
+            drone: serving,
+            pos_enu_m: pos_m(&entry.pos).into(),
+            toa_ns: 0.0,
+            sigma_ns: sigma_ns(entry.sigma),
+        };
+        let gated = |mate: &&MateTdoa| mate.flags.contains(TdoaFlags::GATED);
+        self.counters.tdoa_gated += entry.mates.iter().filter(gated).count() as u64;
+        // Of a difference that cannot be, the later capture came by a detour.
+        let own_is_late = entry.mates.iter().filter(gated).any(|mate| mate.tdoa.0 < 0);
+        let mut captures: heapless::Vec<Capture, MAX_CAPTURES> = heapless::Vec::new();
+        captures.extend((!own_is_late).then_some(own));
         for mate in &entry.mates {
             if mate.flags.contains(TdoaFlags::SATURATED) {
                 self.counters.tdoa_saturated += 1;
+                continue;
+            }
+            if gated(&mate) && mate.tdoa.0 > 0 {
                 continue;
             }
             let capture = Capture {
                 drone: mate.drone,
                 pos_enu_m: pos_m(&mate.pos).into(),
                 toa_ns: f64::from(mate.tdoa.0) * 1e-3,
-                sigma_ns: None,
+                sigma_ns: sigma_ns(mate.sigma),
             };
             captures.push(capture).expect("one serving drone and two mates");
         }

@@ -6,12 +6,12 @@ use skyroost_firmware::{
     Vec3,
     agent::FlightAgent,
     board::lockstep::{Ask, Lockstep, RadioIntake},
-    io::{Capture, NavFix},
+    io::{Capture, NavFix, Pulse},
 };
 use skyroost_protocol::{
     codec::Sender,
     message::{AttachedUser, Command, Down},
-    units::{CommandId, DroneId, OccasionId, PosEnuMm, UserId},
+    units::{CommandId, DroneId, OccasionId, PosEnuMm, ToaSigma, UserId},
 };
 use std::collections::VecDeque;
 
@@ -132,7 +132,9 @@ fn inputs() -> impl Strategy<Value = Inputs> {
         vel_enu_mps: Vec3::new(n[3], n[4], n[5]),
         error_radius_m: n[6],
     }));
-    let captures = vec((any::<u32>(), any::<u32>()), 0..=16);
+    let pulse =
+        prop::option::of((any::<u32>(), any::<i32>()).prop_map(|(ticks, second)| Pulse { ticks, second }));
+    let captures = vec((any::<u32>(), any::<u32>(), any::<u8>(), any::<u16>()), 0..=16);
     let attached = vec((any::<u32>(), any::<u16>()), 0..=24);
     let commands = prop_oneof![
         Just(Command::TakeOff),
@@ -150,13 +152,19 @@ fn inputs() -> impl Strategy<Value = Inputs> {
         ],
         0..=16,
     );
-    (nav, captures, attached, frames, any::<u32>(), any::<u16>()).prop_map(
-        |(nav, captures, attached, frames, timer_ticks, battery_permille)| Inputs {
+    (nav, pulse, captures, attached, frames, any::<u32>(), any::<u16>()).prop_map(
+        |(nav, pulse, captures, attached, frames, timer_ticks, battery_permille)| Inputs {
             nav,
             timer_ticks,
+            pulse,
             captures: captures
                 .into_iter()
-                .map(|(occasion, ticks)| Capture { occasion: OccasionId(occasion), ticks })
+                .map(|(occasion, ticks, symbol, sigma)| Capture {
+                    occasion: OccasionId(occasion),
+                    ticks,
+                    symbol,
+                    sigma: ToaSigma(sigma),
+                })
                 .collect(),
             attached: attached
                 .into_iter()
