@@ -75,7 +75,8 @@ fn peer() {
     let users = found.users.len() as f64;
     let ours_s = best.as_secs_f64();
     let occasions = flown.occasions.len();
-    println!("\npeer: {users} users, {occasions} occasions, one thread");
+    let steps = found.iterations;
+    println!("\npeer: {users} users, {occasions} occasions, one thread, {steps} steps");
     println!("  skyroost            {ours_s:8.3} s  {:9.1} us a user", 1e6 * ours_s / users);
     match scipy(&flown.occasions, &found) {
         Ok(Peer { default_cpu_s, best_cpu_s, apart_median_m }) => {

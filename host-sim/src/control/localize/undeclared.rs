@@ -68,7 +68,7 @@ pub(super) fn hold_to_account<const D: usize>(
             fix.status = FixStatus::Inconsistent;
             flagged += 1;
         } else {
-            widen(fix, other.pos_m);
+            widen(fix, other.pos_m, cfg);
         }
     }
     if !refuted {
@@ -107,7 +107,7 @@ fn score<const D: usize>(
 }
 
 /// Adds a possible error to the covariance.
-fn widen(fix: &mut UserFix, other_m: [f64; 2]) {
+fn widen(fix: &mut UserFix, other_m: [f64; 2], cfg: &LocalizeConfig) {
     let e = [other_m[0] - fix.pos_m[0], other_m[1] - fix.pos_m[1]];
     for i in 0..2 {
         for j in 0..2 {
@@ -115,6 +115,9 @@ fn widen(fix: &mut UserFix, other_m: [f64; 2]) {
         }
     }
     fix.r95_m = r95(fix.cov_m2);
+    if fix.r95_m > cfg.max_r95_m {
+        fix.status = FixStatus::PoorGeometry;
+    }
 }
 
 /// Quantile of a chi-square distribution at `z` of the standard normal one (Wilson & Hilferty 1931; within 3 % up to 99.9 %).
