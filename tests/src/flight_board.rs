@@ -1,10 +1,13 @@
 //! The flight board's image in the emulator, its bus on a terminal: a board for `--backend serial`.
 
 use std::{
+    io::Write,
+    os::unix::net::UnixStream,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::OnceLock,
 };
+use tempfile::TempDir;
 
 /// The image: the one that `SKYROOST_FLIGHT_IMAGE` names, or else the workspace's, built where it is missing.
 ///
@@ -33,6 +36,8 @@ pub fn image() -> &'static Path {
 /// An emulated flight board; ends with this value.
 pub struct FlightBoard {
     process: Child,
+    /// Where the emulator takes orders.
+    dir: TempDir,
 }
 
 impl FlightBoard {
@@ -42,19 +47,37 @@ impl FlightBoard {
     /// When the emulator cannot be started.
     #[must_use]
     pub fn start(terminal: &Path) -> Self {
+        let dir = TempDir::new().expect("a temporary folder");
         // Should the tests be killed, the system kills what they started.
         let process = Command::new("setpriv")
             .args(["--pdeathsig", "KILL", "qemu-system-arm", "-machine", "netduinoplus2"])
-            .args(["-display", "none", "-monitor", "none", "-chardev"])
+            .args(["-display", "none", "-monitor"])
+            .arg(format!("unix:{},server=on,wait=off", dir.path().join(MONITOR).display()))
+            .arg("-chardev")
             .arg(format!("serial,id=bus,path={}", terminal.display()))
             .args(["-serial", "chardev:bus", "-kernel"])
             .arg(image())
             .stdin(Stdio::null())
             .spawn()
             .expect("qemu-system-arm and setpriv are there: see `cargo xtask setup`");
-        Self { process }
+        Self { process, dir }
+    }
+
+    /// Pulls the board's reset line: it starts again from its vector table, at once.
+    ///
+    /// # Panics
+    /// When the emulator takes no orders.
+    pub fn reset(&self) {
+        let mut monitor = UnixStream::connect(self.dir.path().join(MONITOR)).expect("a monitor");
+        monitor.write_all(b"system_reset\n").expect("it listens");
+        // It reads what came before the end.
+        monitor.shutdown(std::net::Shutdown::Write).expect("it listens");
+        std::io::copy(&mut monitor, &mut std::io::sink()).expect("it answers");
     }
 }
+
+/// The emulator's monitor, in the board's folder.
+const MONITOR: &str = "monitor";
 
 impl Drop for FlightBoard {
     fn drop(&mut self) {

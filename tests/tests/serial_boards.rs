@@ -244,11 +244,7 @@ fn a_board_that_dies_under_way_is_named() {
 
 #[test]
 fn a_board_that_is_reset_under_way_is_found_out() {
-    let message = fail_under_way(|bench| {
-        drop(bench.boards.remove(1));
-        let again = FlightBoard::start(bench.lines[1].board_end());
-        bench.boards.push(again);
-    });
+    let message = fail_under_way(|bench| bench.boards[1].reset());
     assert!(message.contains("it has been reset"), "{message}");
 }
 

@@ -106,7 +106,9 @@ impl Zigzag {
             }
             worst_error_m = greater(worst_error_m, mate.error_m);
             let moved_um = (mate.rate_mps * age.as_secs_f32() * 1e6) as i64;
-            ahead_um += mate.phase_um + moved_um - self.phase_um;
+            // What a frame says is only a number: no phase lies outside the lanes, and within them nothing overflows.
+            let stands_um = mate.phase_um.saturating_add(moved_um).clamp(0, lanes.length_um());
+            ahead_um += stands_um - self.phase_um;
             heard += 1;
         }
         let share = (STOP_ERROR_M - worst_error_m) / (STOP_ERROR_M - KEEP_SPEED_ERROR_M);
@@ -176,6 +178,21 @@ mod tests {
             early.advance(TimePs::from_ms(20_000 + step), &lanes, 0.0);
         }
         assert!(early.speed_mps() <= CONSENSUS_LIMIT_MPS, "the fleet waits");
+    }
+
+    #[test]
+    fn a_mate_beyond_the_lanes_counts_as_one_at_their_end() {
+        let lanes = lanes();
+        let end = |phase_um: i64, rate_mps: f32| {
+            let mut z = Zigzag { phase_um: 3_000_000, ..Zigzag::default() };
+            z.advance(TimePs::from_ms(0), &lanes, 0.0);
+            z.hear(DroneId(1), TimePs::from_ms(0), phase_um, rate_mps, 0.0);
+            z.advance(TimePs::from_ms(20), &lanes, 0.0);
+            (z.phase_um(), z.speed_mps().to_bits())
+        };
+        assert_eq!(end(i64::MAX, f32::MAX), end(lanes.length_um(), 0.0));
+        assert_eq!(end(i64::MAX, -f32::MAX), end(0, 0.0), "a mate that flies back fast enough");
+        assert_eq!(end(i64::MIN, f32::MIN), end(0, 0.0));
     }
 
     #[test]
