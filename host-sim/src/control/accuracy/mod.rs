@@ -25,7 +25,7 @@ use crate::geometry::V2;
 const LENGTH_M: (f64, f64, &str) = (0.1, 1e6, "a length from 0.1 to 1e6 m");
 const SPEED_MPS: (f64, f64, &str) = (1e-3, 1e4, "a speed from 0.001 to 1e4 m/s");
 const PERIOD_S: (f64, f64, &str) = (1e-3, 1e6, "a time from 0.001 to 1e6 s");
-const SIGMA_NS: (f64, f64, &str) = (1e-3, 1e6, "a time from 0.001 to 1e6 ns");
+const SIGMA_NS: (f64, f64, &str) = (1e-2, 1e6, "a time from 0.01 to 1e6 ns");
 /// Most SRS of a user while the fleet flies the swath's radius.
 const MOST_STEPS: f64 = 1000.0;
 
