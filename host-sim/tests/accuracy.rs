@@ -96,7 +96,7 @@ fn options_out_of_range_are_refused() {
         (&["--sigma-ns", "-5"], "--sigma-ns"),
         (&["--sigma-ns", "1e9"], "--sigma-ns: found 1000000000.0, expected a time"),
         (&["--radius-m", "1e-3"], "--radius-m: found 0.001, expected a length"),
-        (&["--spacing-m", "900"], "--spacing-m: found 900.0, expected less than 866.0"),
+        (&["--spacing-m", "900"], "--spacing-m: found 900.0, expected at most 865.9"),
         (&["--speed-mps", "0.01"], "--speed-mps, --srs-period-s: found 0.01 m from one SRS to the next"),
     ] {
         bench.refused(&[args, &["--out", "out"]].concat(), &[told, "expected"]);
