@@ -22,10 +22,12 @@ use crate::control::localize::LocalizeError;
 use crate::geometry::V2;
 
 /// Lengths, speeds, times and noise outside of these are mistakes.
-const LENGTH_M: (f64, f64, &str) = (0.1, 1e6, "a length from 0.1 to 1e6 m");
+const LENGTH_M: (f64, f64, &str) = (0.2, 1e6, "a length from 0.2 to 1e6 m");
 const SPEED_MPS: (f64, f64, &str) = (1e-3, 1e4, "a speed from 0.001 to 1e4 m/s");
 const PERIOD_S: (f64, f64, &str) = (1e-3, 1e6, "a time from 0.001 to 1e6 s");
-const SIGMA_NS: (f64, f64, &str) = (1e-3, 1e6, "a time from 0.001 to 1e6 ns");
+const SIGMA_NS: (f64, f64, &str) = (1e-2, 1e6, "a time from 0.01 to 1e6 ns");
+/// A swath's radius below this is none.
+const LEAST_SWATH_RADIUS_M: f64 = 0.1;
 /// Most SRS of a user while the fleet flies the swath's radius.
 const MOST_STEPS: f64 = 1000.0;
 
@@ -62,11 +64,11 @@ pub enum AccuracyError {
         expected: &'static str,
     },
     /// The three disks have nothing in common that moves along with them.
-    #[error("spacing_m: found {spacing_m:?}, expected less than {most_m:.1}, sqrt(3) times the radius")]
+    #[error("spacing_m: found {spacing_m:?}, expected at most {most_m:.1}, sqrt(3) times the radius")]
     NoSwath {
         /// Side of the triangle.
         spacing_m: f64,
-        /// All sides below this one leave a swath.
+        /// All sides up to this one leave a swath.
         most_m: f64,
     },
     /// More SRS than anyone would send.
@@ -109,8 +111,8 @@ impl Formation {
             }
         }
         let swath_radius_m = self.swath_radius_m();
-        if swath_radius_m <= 0.0 {
-            let most_m = 3f64.sqrt() * self.radius_m;
+        if swath_radius_m < LEAST_SWATH_RADIUS_M {
+            let most_m = 3f64.sqrt() * (self.radius_m - LEAST_SWATH_RADIUS_M);
             return Err(AccuracyError::NoSwath { spacing_m: self.spacing_m, most_m });
         }
         let (found_m, least_m) = (self.speed_mps * self.srs_period_s, swath_radius_m / MOST_STEPS);

@@ -62,7 +62,7 @@ impl Formation {
                     let [x, y, z] = pos_enu_m;
                     let distance_m = (V2::new(x, y) - user_m).norm().hypot(z);
                     let toa_ns = distance_m / C_M_PER_NS;
-                    Capture { drone: DroneId(id), pos_enu_m, toa_ns, sigma_ns: None }
+                    Capture { drone: DroneId(id), pos_enu_m, toa_ns, sigma_ns: Some(self.sigma_toa_ns) }
                 })
                 .collect(),
         })

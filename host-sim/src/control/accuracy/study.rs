@@ -114,8 +114,9 @@ impl Accuracy {
                 of: Sync::ConstantOffsets,
                 r95_m: formation.shared_m(&offset_m, ClockModel::SharedConstant)?,
             },
-            OffsetRow { of: Sync::Mission, r95_m: formation.shared_m(&offset_m, mission)? },
         ];
+        let own = sigma.iter().find(|row| same(row.of, formation.sigma_toa_ns));
+        sync.extend(own.map(|row| OffsetRow { of: Sync::Mission, r95_m: row.r95_m.clone() }));
         let residuals = rows(&RESIDUALS_NS, |ns| formation.with_residual_m(&offset_m, ns))?;
         sync.extend(
             residuals.into_iter().map(|row| OffsetRow { of: Sync::Residual(row.of), r95_m: row.r95_m }),
@@ -178,10 +179,15 @@ pub(super) fn shown_offset(third: usize, offsets: usize) -> usize {
     (4 * third * offsets.saturating_sub(1)) / 9
 }
 
+/// Whether two positive numbers would be written alike.
+fn same(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-9 * a.max(b)
+}
+
 /// Sorted values, with one's own among them.
 fn with(values: &[f64], own: f64) -> Vec<f64> {
     let mut all = values.to_vec();
-    if all.iter().all(|value| (value - own).abs() > 1e-9 * own) {
+    if !all.iter().any(|value| same(*value, own)) {
         all.push(own);
     }
     all.sort_by(f64::total_cmp);

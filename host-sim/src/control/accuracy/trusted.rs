@@ -1,6 +1,6 @@
 //! Errors that stay the same over a pass and that nobody estimates: of clocks taken as synchronised, and of positions.
 //!
-//! Averaging does not help against these, and they do not show in the residuals: the fix moves. By how much follows
+//! Averaging does not help against these, and they hardly show in the residuals of one user: the fix moves. By how much follows
 //! from the linearised estimator. With the unit vector `u` from drone to user, its mean over an occasion's drones
 //! taken off (`v = u - mean u`, which projects out the emission time), and the covariance `C` of the fix,
 //! an error of a distance by `e` in every capture of a drone moves the fix by `C sum(v e) / (c sigma)^2`.

@@ -37,8 +37,8 @@ pub(super) fn render(accuracy: &Accuracy) -> String {
     let place_px = |column: f64| [MARGIN_PX + column * (width + GAP_PX), HEADER_PX, width, height];
     let x_name = "distance of the user from the lane, m";
     for (column, (head, curves, own)) in [
-        ("side of the triangle d", spacing_curves, formation.spacing_m),
-        ("altitude h", altitude_curves, formation.altitude_m),
+        ("by the side of the triangle", spacing_curves, formation.spacing_m),
+        ("by altitude", altitude_curves, formation.altitude_m),
     ]
     .into_iter()
     .enumerate()
@@ -49,7 +49,7 @@ pub(super) fn render(accuracy: &Accuracy) -> String {
     let residual = Axis::logarithmic([0.1, 9.99].into_iter());
     let chart = Chart {
         place_px: place_px(2.0),
-        head: "clocks",
+        head: "by the error of clocks",
         x: residual,
         y,
         x_name: "constant error of each trusted clock, ns",
@@ -92,7 +92,7 @@ fn estimated(accuracy: &Accuracy) -> Vec<Line> {
 
 /// What full and dashed curves are, in the corner that they leave free.
 fn legend(svg: &mut String, chart: &Chart) {
-    let [left, top, ..] = chart.frame_px();
+    let [left, top, _, height] = chart.frame_px();
     for (line, (class, text)) in [
         ("", "trusted, at 3 distances from the lane".to_owned()),
         ("dashed", format!("estimated with {SYNC_USERS} users, as in missions")),
@@ -100,7 +100,7 @@ fn legend(svg: &mut String, chart: &Chart) {
     .into_iter()
     .enumerate()
     {
-        let y = top + 20.0 + 18.0 * line as f64;
+        let y = top + height - 32.0 + 18.0 * line as f64;
         let _ = writeln!(
             svg,
             "<path class=\"curve sample {class}\" d=\"M{} {}h22\"/><text class=\"small halo\" x=\"{}\" y=\"{}\">{text}</text>",

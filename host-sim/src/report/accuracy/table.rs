@@ -5,7 +5,7 @@ use std::fmt;
 /// Columns of figures under a row of heads.
 pub(super) struct Table {
     pub(super) title: &'static str,
-    /// What it shows; lines short enough for a terminal.
+    /// What it shows, in one line.
     pub(super) note: String,
     /// Heads, that of the rows' names first.
     pub(super) heads: Vec<String>,
@@ -27,13 +27,13 @@ impl Table {
         let rules: Vec<&str> =
             (0..heads.len()).map(|column| if column == 0 { "---" } else { "---:" }).collect();
         let rows: String = self.lines().map(|cells| line(&cells)).collect();
-        format!("## {}\n\n{}\n\n{}{}{rows}", self.title, self.note, line(&heads), line(&rules))
+        format!("## {}\n\n{}\n\n{}{}{rows}", self.title, wrapped(&self.note), line(&heads), line(&rules))
     }
 }
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}\n{}", self.title, self.note)?;
+        writeln!(f, "{}\n{}", self.title, wrapped(&self.note))?;
         let heads: Vec<&str> = self.heads.iter().map(String::as_str).collect();
         let lines: Vec<Vec<&str>> = std::iter::once(heads).chain(self.lines()).collect();
         let width = |column: usize| {
@@ -52,4 +52,23 @@ impl fmt::Display for Table {
         }
         Ok(())
     }
+}
+
+/// Lines that a terminal holds.
+pub(super) fn wrapped(text: &str) -> String {
+    /// Columns of a line.
+    const WIDTH: usize = 96;
+    let mut lines = String::new();
+    let mut used = 0;
+    for word in text.split_whitespace() {
+        let width = word.chars().count();
+        match used {
+            0 => {}
+            used if used + 1 + width > WIDTH => lines.push('\n'),
+            _ => lines.push(' '),
+        }
+        used = if lines.ends_with('\n') { 0 } else { used + 1 } + width;
+        lines += word;
+    }
+    lines
 }

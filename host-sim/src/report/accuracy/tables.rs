@@ -1,17 +1,17 @@
 //! The tables that an operator chooses a formation by.
 
-use super::table::Table;
+use super::table::{Table, wrapped};
 use crate::control::accuracy::{Accuracy, Formation, OffsetRow, SYNC_USERS, Sync, TradeOff, USERS_PER_KM2};
 use crate::control::localize::{ClockModel, LocalizeConfig};
 
 /// What everything is computed for.
 pub(super) fn formation(formation: &Formation) -> String {
     let Formation { spacing_m, altitude_m, speed_mps, radius_m, srs_period_s, sigma_toa_ns, .. } = formation;
-    format!(
-        "Side d = {spacing_m} m, altitude h = {altitude_m} m above the users, {speed_mps} m/s, radius R = {radius_m} m,\n\
+    wrapped(&format!(
+        "Side d = {spacing_m} m, altitude h = {altitude_m} m above the users, {speed_mps} m/s, radius R = {radius_m} m, \
          an SRS of every user each {srs_period_s} s, arrival times with noise of {sigma_toa_ns} ns: a swath of {:.0} m.",
         2.0 * formation.swath_radius_m()
-    )
+    ))
 }
 
 /// All tables, in the order in which they are read.
@@ -65,8 +65,8 @@ fn passes(accuracy: &Accuracy) -> Table {
     let sigma_ns = accuracy.formation.sigma_toa_ns;
     let per_ns = |radii_m: &[f64]| radii_m.iter().map(|radius_m| radius_m / sigma_ns).collect::<Vec<f64>>();
     let note = format!(
-        "r95 in metres by the user's distance from the lane: of one SRS with the fleet abreast, and of all SRS while\n\
-         the fleet passes. Clocks, the drones' positions and the height of the ground are known; radii are then\n\
+        "r95 in metres by the user's distance from the lane: of one SRS with the fleet abreast, and of all SRS while \
+         the fleet passes. Clocks, the drones' positions and the height of the ground are known; radii are then \
          proportional to the noise ({sigma_ns} ns, and for one nanosecond)."
     );
     let rows = vec![
@@ -90,7 +90,7 @@ fn noise(accuracy: &Accuracy) -> Table {
 
 /// How unknown clocks get known.
 fn estimated() -> String {
-    format!("and estimated\nwith {SYNC_USERS} users along the lane ({USERS_PER_KM2} per km2)")
+    format!("and estimated with {SYNC_USERS} users along the lane ({USERS_PER_KM2} per km2)")
 }
 
 fn clocks(accuracy: &Accuracy) -> Table {
@@ -103,9 +103,9 @@ fn clocks(accuracy: &Accuracy) -> Table {
         ClockModel::Synchronised => "nothing".to_owned(),
     };
     let note = format!(
-        "r95 of a whole pass by what is known of the drones' clocks. Unknown are a constant offset of any size or, as in\n\
-         missions, {mission} of each drone, {}. Trusted clocks are taken as synchronised; each is off by\n\
-         a constant of that standard deviation, and nothing in the captures shows it.",
+        "r95 of a whole pass by what is known of the drones' clocks. Unknown are a constant offset of any size or, as in \
+         missions, {mission} of each drone, {}. Trusted clocks are taken as synchronised; each is off by \
+         a constant of that standard deviation, which the captures of a user hardly show.",
         estimated()
     );
     let name = |sync: &Sync| match sync {
@@ -118,7 +118,7 @@ fn clocks(accuracy: &Accuracy) -> Table {
 }
 
 fn positions(accuracy: &Accuracy) -> Table {
-    let note = "r95 of a whole pass by the error of each coordinate of each drone's position, constant over the pass: RTK is\n\
+    let note = "r95 of a whole pass by the error of each coordinate of each drone's position, constant over the pass: RTK is \
                 good to about 0.02 m, a standalone receiver to 1.5 m. Clocks are known."
         .to_owned();
     let rows = rows(&accuracy.drone_bias, |bias_m| match bias_m {
@@ -129,7 +129,7 @@ fn positions(accuracy: &Accuracy) -> Table {
 }
 
 fn terrain(accuracy: &Accuracy) -> Table {
-    let note = "r95 of a whole pass by how well the height of the ground is known (standard deviation). Where it is not,\n\
+    let note = "r95 of a whole pass by how well the height of the ground is known (standard deviation). Where it is not, \
                 it is estimated with the position. Clocks are known."
         .to_owned();
     let rows = rows(&accuracy.terrain, |sigma_m| match sigma_m {
@@ -142,7 +142,7 @@ fn terrain(accuracy: &Accuracy) -> Table {
 fn trade_off(accuracy: &Accuracy) -> Table {
     let Accuracy { formation, trade_off, .. } = accuracy;
     let note = format!(
-        "r95 of a whole pass by side d and altitude h, {} ns, clocks known: median / worst of users spread evenly from\n\
+        "r95 of a whole pass by side d and altitude h, {} ns, clocks known: median / worst of users spread evenly from \
          the lane to 95 % of half the swath. A larger side makes the swath, 2 (R - d / sqrt(3)), narrower.",
         formation.sigma_toa_ns
     );
