@@ -42,6 +42,8 @@ pub enum Stream {
     Scenario = 12,
     /// Random search and other planners that gamble.
     Search = 13,
+    /// Pulses per second of the navigation receivers; index = drone.
+    Pps = 14,
 }
 
 /// The last quarter of every key: keeps these streams apart from any other use of ChaCha with the seed.

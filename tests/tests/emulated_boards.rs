@@ -62,7 +62,13 @@ fn small_area(dir: &Path) -> String {
 fn a_whole_mission_with_losses_is_the_same_to_the_bit_and_to_the_instruction() {
     let site = Site::new();
     let area = small_area(&site.path("tmp"));
-    let words = ["--area", &area, "--drones", "3", "--loss-fraction", "0.1", "--density-per-km2", "20"];
+    // With pulses and bursts, which a mission by default has none of.
+    let scenario = site.path("tmp").join("pulses.toml");
+    let pulses = "[clock]\ndrift_ns_per_s = 20_000\npps_sigma_ns = 20\npps_loss_fraction = 0.1\n";
+    fs::write(&scenario, format!("{pulses}[srs]\nsymbols = 2\n")).expect("an input file");
+    let scenario = scenario.to_str().expect("a path in UTF-8");
+    let lossy = ["--loss-fraction", "0.1", "--density-per-km2", "20"];
+    let words = [&[scenario, "--area", &area, "--drones", "3"][..], &lossy].concat();
     let (inproc, first, second) = (fly(&words), fly_on_boards(&words), fly_on_boards(&words));
     assert!(inproc.number("/placement/served_guaranteed") > 0.0, "drones were placed");
     assert_same_flight(&inproc, &first);

@@ -88,6 +88,51 @@ fn a_link_that_loses_a_tenth_of_its_frames() {
     assert!((lost - 0.1).abs() < 0.01, "{lost} of the frames were lost");
 }
 
+/// Writes a scenario.
+fn scenario(text: &str) -> tempfile::NamedTempFile {
+    let file = tempfile::NamedTempFile::with_suffix(".toml").unwrap();
+    fs::write(file.path(), text).unwrap();
+    file
+}
+
+fn fly_scenario(text: &str) -> Flown {
+    let file = scenario(text);
+    fly(&[file.path().to_str().unwrap()])
+}
+
+/// Oscillators of any quality locate where a pulse per second disciplines them, pulses lost and stray included.
+#[test]
+fn oscillators_of_20_ppm_with_a_pulse_per_second() {
+    let flown = fly_scenario(
+        "[clock]\ndrift_ns_per_s = 20_000\npps_sigma_ns = 20\npps_loss_fraction = 0.1\npps_outlier_fraction = 0.01\n",
+    );
+    flown.assert_accepted();
+    assert!(flown.number("/localization/r95_median_m") < 11.0, "{}", flown.json["localization"]);
+    // Clocks that are known judge differences: one in twenty captures is late by 100 ns to 1000.
+    let gated = flown.number("/srs/gated") / flown.number("/srs/hits");
+    assert!((0.06..0.1).contains(&gated), "{gated}");
+    assert!(flown.number("/srs/pulses_rejected") > 100.0, "{}", flown.json["srs"]);
+}
+
+/// Without pulses they drift beyond what a difference can say: told, and no position claimed that is not held.
+#[test]
+fn oscillators_of_20_ppm_alone() {
+    let flown = fly_scenario("[clock]\ndrift_ns_per_s = 20_000\n");
+    assert!(flown.number("/srs/saturated") > 1_000.0, "{}", flown.json["srs"]);
+    assert!(flown.json["warnings"][0].as_str().is_some_and(|told| told.contains("32 bits")));
+    assert!(flown.number("/localization/located") < 0.5 * flown.number("/localization/users"));
+    assert!(flown.number("/localization/in_r95_fraction") > 0.9, "{}", flown.json["localization"]);
+}
+
+/// The mean of four symbols halves the noise, and nearly halves the errors.
+#[test]
+fn four_symbols_of_every_srs() {
+    let flown = fly_scenario("[srs]\nsymbols = 4\n");
+    flown.assert_accepted();
+    assert!(flown.number("/localization/r95_median_m") < 5.5, "{}", flown.json["localization"]);
+    assert!(flown.number("/srs/refused") < 20.0, "{}", flown.json["srs"]);
+}
+
 /// Writes the corners of a local area.
 fn area(name: &str, corners_m: impl IntoIterator<Item = (f64, f64)>) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();

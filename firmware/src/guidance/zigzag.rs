@@ -107,7 +107,7 @@ impl Zigzag {
             worst_error_m = greater(worst_error_m, mate.error_m);
             let moved_um = (mate.rate_mps * age.as_secs_f32() * 1e6) as i64;
             // What a frame says is only a number: no phase lies outside the lanes, and within them nothing overflows.
-            let stands_um = mate.phase_um.saturating_add(moved_um).clamp(0, lanes.length_um());
+            let stands_um = mate.phase_um.saturating_add(moved_um).max(0).min(lanes.length_um());
             ahead_um += stands_um - self.phase_um;
             heard += 1;
         }

@@ -24,6 +24,8 @@ pub struct Summary {
     pub fleets: u32,
     /// The first stage: the sweep.
     pub sweep: SweepSummary,
+    /// What became of the arrival times that drones captured.
+    pub srs: SrsSummary,
     /// What the sweep found of the users.
     pub localization: LocalizationSummary,
     /// The second stage: where the drones serve.
@@ -58,6 +60,29 @@ pub struct SweepSummary {
     /// Time that the scenario gives the sweep, seconds: the paper's mission time (Table 3). `duration_s` is
     /// held against it; climb and transit are in neither.
     pub mission_time_s: f64,
+}
+
+/// What became of arrival times, by the drones' own word, all together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SrsSummary {
+    /// Differences of arrival time formed.
+    pub hits: u64,
+    /// Differences not formed: the fleet mate's capture did not come in time.
+    pub misses: u64,
+    /// Captures of fleet mates dropped: the serving drone's own did not come in time.
+    pub stale: u64,
+    /// Captures dropped because they came twice.
+    pub duplicates: u64,
+    /// Occasions dropped for newer ones before they were reported.
+    pub evicted: u64,
+    /// Differences that no place of a user explains; the late capture behind each was left out.
+    pub gated: u64,
+    /// Differences that did not fit 32 bits and were left out.
+    pub saturated: u64,
+    /// Captures that the flight code refused or that did not agree with the others of their burst.
+    pub refused: u64,
+    /// Pulses per second off the grid of seconds.
+    pub pulses_rejected: u64,
 }
 
 /// The users as located.

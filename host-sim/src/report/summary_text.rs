@@ -4,7 +4,7 @@
 use super::limits::Bound;
 use super::summary::{
     BoardSummary, LinkSummary, LocalizationSummary, PlacementSummary, PunctualitySummary, SafetySummary,
-    Summary, SweepSummary, Timing,
+    SrsSummary, Summary, SweepSummary, Timing,
 };
 use std::fmt;
 
@@ -13,6 +13,7 @@ impl fmt::Display for Summary {
         let Self { scenario, seed, backend, drones, fleets, .. } = self;
         writeln!(f, "Mission {scenario}, seed {seed}: {drones} drones in {fleets} fleets ({backend})")?;
         sweep(f, &self.sweep)?;
+        srs(f, &self.srs)?;
         localization(f, &self.localization)?;
         placement(f, &self.placement)?;
         safety(f, &self.safety)?;
@@ -32,6 +33,27 @@ fn sweep(f: &mut fmt::Formatter<'_>, sweep: &SweepSummary) -> fmt::Result {
     row(f, "mission time", minutes(sweep.mission_time_s))?;
     let lengths: Vec<String> = sweep.length_m.iter().map(|length_m| format!("{length_m:.0} m")).collect();
     row(f, "lanes", format!("{}, split by {}", lengths.join(" + "), sweep.split))
+}
+
+fn srs(f: &mut fmt::Formatter<'_>, srs: &SrsSummary) -> fmt::Result {
+    let SrsSummary { hits, misses, stale, duplicates, evicted, gated, saturated, refused, pulses_rejected } =
+        srs;
+    writeln!(f, "\nArrival times")?;
+    row(f, "differences", format!("{hits} formed, {misses} lacked a capture"))?;
+    for (count, what) in [
+        (gated, "differences beyond any place of a user"),
+        (saturated, "differences beyond 32 bits"),
+        (stale, "captures without the serving drone's"),
+        (duplicates, "captures that came twice"),
+        (evicted, "occasions without room"),
+        (refused, "captures refused"),
+        (pulses_rejected, "pulses refused"),
+    ] {
+        if *count > 0 {
+            row(f, "", format!("{count} {what}"))?;
+        }
+    }
+    Ok(())
 }
 
 fn localization(f: &mut fmt::Formatter<'_>, found: &LocalizationSummary) -> fmt::Result {
@@ -176,7 +198,7 @@ fn plain(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use crate::report::limits::judge;
-    use crate::report::summary::{PlacedDrone, Summary, Timing};
+    use crate::report::summary::{PlacedDrone, SrsSummary, Summary, Timing};
     use crate::scenario::LoadedScenario;
 
     /// A mission of the paper's scenario with one limit missed.
@@ -197,6 +219,7 @@ mod tests {
         summary.sweep.duration_s = 5820.0;
         summary.sweep.mission_time_s = 5950.0;
         summary.sweep.length_m = vec![58_182.0, 58_182.0];
+        summary.srs = SrsSummary { hits: 143_210, misses: 1_234, gated: 3_456, ..SrsSummary::default() };
         let found = &mut summary.localization;
         (found.users, found.located) = (500, 499);
         found.rmse_m = Some(3.25);

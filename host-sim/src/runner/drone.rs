@@ -10,13 +10,14 @@ use crate::{
         gnss::Gnss,
         grid::PointGrid,
         link::Link,
+        pps::Pps,
         vehicle::{Command, Motion, Vehicle},
         wind::Wind,
     },
 };
 use skyroost_firmware::{
     STEP_S, STEP_US, Vec3,
-    io::{Capture, Inputs, NavFix, Outputs, SrsGate},
+    io::{Capture, Inputs, NavFix, Outputs, Pulse, SrsGate},
 };
 use skyroost_protocol::{
     codec::{Frame, MAX_FRAME},
@@ -40,6 +41,7 @@ pub(super) struct Drone {
     pub(super) uplink: Link<MAX_FRAME>,
     pub(super) downlink: Link<MAX_FRAME>,
     pub(super) clock: Clock,
+    pps: Pps,
     pub(super) digest: Digest,
     pub(super) outputs: Outputs,
     pub(super) inputs: Inputs,
@@ -68,6 +70,7 @@ pub(super) struct Parts {
     pub(super) uplink: Link<MAX_FRAME>,
     pub(super) downlink: Link<MAX_FRAME>,
     pub(super) clock: Clock,
+    pub(super) pps: Pps,
     pub(super) wind: Wind,
     pub(super) gnss: Gnss,
     pub(super) battery: Battery,
@@ -86,6 +89,7 @@ impl Drone {
             uplink: parts.uplink,
             downlink: parts.downlink,
             clock: parts.clock,
+            pps: parts.pps,
             digest: Digest::new(id),
             outputs: Outputs::default(),
             inputs: Inputs::default(),
@@ -114,6 +118,11 @@ impl Drone {
             pos_enu_m: Vec3::from(fix.pos_enu_m.map(|m| m as f32)),
             vel_enu_mps: Vec3::from(fix.vel_enu_mps.map(|v| v as f32)),
             error_radius_m: self.error_radius_m,
+        });
+        let pulse = self.pps.pulse(now_ps);
+        inputs.pulse = pulse.map(|pulse| Pulse {
+            ticks: self.clock.ticks(pulse.true_ps, self.tick_hz) as u32,
+            second: pulse.second as i32,
         });
         inputs.timer_ticks = self.clock.ticks(now_ps, self.tick_hz) as u32;
         inputs.battery_permille = self.battery.charge_permille();
@@ -193,11 +202,11 @@ impl Drone {
         self.gates.iter().find(|g| g.occasion == gate.occasion)
     }
 
-    /// The timer captured an arrival; the board learns of it at its next step.
-    pub(super) fn capture(&mut self, gate: &SrsGate, arrival_ps: i64) {
+    /// The timer captured a symbol's arrival; the board learns of it at its next step.
+    pub(super) fn capture(&mut self, gate: &SrsGate, symbol: u8, arrival_ps: i64) {
         let ticks = self.clock.ticks(arrival_ps, self.tick_hz) as u32;
         let sigma = self.toa_sigma;
-        self.captured.push(Capture { occasion: gate.occasion, ticks, symbol: 0, sigma });
+        self.captured.push(Capture { occasion: gate.occasion, ticks, symbol, sigma });
     }
 }
 

@@ -161,7 +161,9 @@ impl Island {
                 let reception =
                     around.channel.receive(occasion, u32::from(drone.id.0), emission_ps, user_m, pos_m);
                 if let Some(arrival) = reception.captured() {
-                    drone.capture(&open, arrival.true_ps);
+                    for (symbol, at_ps) in (0..).zip(arrival.symbols_ps()) {
+                        drone.capture(&open, symbol, at_ps);
+                    }
                     if arrival.late {
                         self.late.push((gate.occasion, drone.id));
                     }

@@ -18,12 +18,13 @@ use crate::{
         figures::{quantile, status_name},
         summary::{
             BoardSummary, LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary,
-            PunctualitySummary, SafetySummary, Summary, SweepSummary,
+            PunctualitySummary, SafetySummary, SrsSummary, Summary, SweepSummary,
         },
     },
 };
+use skyroost_firmware::counters::Counters;
 use skyroost_protocol::{
-    message::EventCode,
+    message::{EventCode, TdoaCounts},
     units::{OccasionId, UserId},
 };
 use std::collections::BTreeMap;
@@ -55,6 +56,7 @@ pub(super) fn outcome(
         drones: scenario.fleet.drones,
         fleets: scenario.fleets(),
         sweep,
+        srs: srs(&flight),
         localization,
         placement,
         safety: SafetySummary {
@@ -91,6 +93,33 @@ pub(super) fn outcome(
         drones: flight.tracks,
     };
     Ok(Outcome { summary, recording, shares: Vec::new(), boards: Vec::new() })
+}
+
+/// What became of arrival times, as the drones' last telemetry and boards say.
+fn srs(flight: &Flight) -> SrsSummary {
+    let mut sum = SrsSummary::default();
+    for counts in flight.control.tdoa_counts() {
+        let TdoaCounts { hits, misses, stale, duplicates, evicted, gated, saturated } = counts;
+        for (sum, count) in [
+            (&mut sum.hits, hits),
+            (&mut sum.misses, misses),
+            (&mut sum.stale, stale),
+            (&mut sum.duplicates, duplicates),
+            (&mut sum.evicted, evicted),
+            (&mut sum.gated, gated),
+            (&mut sum.saturated, saturated),
+        ] {
+            *sum += u64::from(count);
+        }
+    }
+    for Counters { captures_unknown, symbols_refused, symbols_excluded, pulses_rejected, .. } in
+        flight.reports.iter().map(|report| report.counters)
+    {
+        let refused = [captures_unknown, symbols_refused, symbols_excluded];
+        sum.refused += refused.into_iter().map(u64::from).sum::<u64>();
+        sum.pulses_rejected += u64::from(pulses_rejected);
+    }
+    sum
 }
 
 /// The boards that the flight code ran on.

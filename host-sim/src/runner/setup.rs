@@ -17,7 +17,7 @@ use crate::{
     fleet::{BoardError, Hangar},
     geometry::{V2, V3, region::Region},
     rng::Stream,
-    scenario::{GnssMode, Orientation, Scenario, SplitMode},
+    scenario::{ClockTable, GnssMode, Orientation, Scenario, SplitMode},
     world::{
         battery::{Battery, BatteryConfig},
         channel::{Channel, ChannelConfig},
@@ -25,6 +25,7 @@ use crate::{
         gnss::{Gnss, GnssConfig},
         grid::PointGrid,
         link::{Link, LinkConfig},
+        pps::{Pps, PpsConfig},
         users::{User, poisson_users},
         vehicle::{Vehicle, VehicleConfig},
         wind::{Wind, WindConfig},
@@ -34,13 +35,13 @@ use skyroost_firmware::{
     STEP_S,
     config::{AgentConfig, SupervisorConfig},
     guidance::{formation::Slot, lanes::Lanes},
-    srs::clock::TickRate,
+    srs::{clock::TickRate, discipline::Oscillator},
 };
 use skyroost_protocol::{
     message::{Heading, MAX_WAYPOINTS},
     units::{DroneId, TimePs},
 };
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, SQRT_2};
 
 /// Climb to the altitude of flight, metres a second.
 const CLIMB_MPS: f64 = 2.5;
@@ -210,13 +211,9 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
             enough_r95_m: scenario.srs.enough_r95_m,
         },
         localize: LocalizeConfig {
-            sigma_toa_ns: scenario.srs.sigma_toa_ns.max(0.3), // the tick's own noise remains
-            clock: ClockModel::SharedWander {
-                // The drawing limits as standard deviations: wider than the uniform's a / sqrt(3), on purpose.
-                offset_sigma_ns: scenario.clock.offset_ns.max(1.0),
-                drift_sigma_ns_per_s: scenario.clock.drift_ns_per_s.max(0.01),
-                walk_ns_per_sqrt_s: scenario.clock.walk_ns_per_sqrt_s.max(1e-3),
-            },
+            // Of the mean of all symbols; the tick's own noise remains.
+            sigma_toa_ns: (scenario.srs.sigma_toa_ns / f64::from(scenario.srs.symbols).sqrt()).max(0.3),
+            clock: clock_model(&scenario.clock),
             user_altitude_m: scenario.users.altitude_m,
             drone_pos_sigma_m: (gnss.sigma_m * gnss.white_fraction.sqrt()).max(0.001),
             drone_bias_sigma_m: gnss.sigma_m * (1.0 - gnss.white_fraction).sqrt(),
@@ -224,6 +221,29 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
             ..LocalizeConfig::default()
         },
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
+    }
+}
+
+/// What is unknown about the clocks that arrivals are read off.
+fn clock_model(clock: &ClockTable) -> ClockModel {
+    if clock.pps_sigma_ns <= 0.0 {
+        return ClockModel::SharedWander {
+            // The drawing limits as standard deviations: wider than the uniform's a / sqrt(3), on purpose.
+            offset_sigma_ns: clock.offset_ns.max(1.0),
+            drift_sigma_ns_per_s: clock.drift_ns_per_s.max(0.01),
+            walk_ns_per_sqrt_s: clock.walk_ns_per_sqrt_s.max(1e-3),
+        };
+    }
+    // What the discipline leaves: in its steady state the square root of walk times pulse noise, and before that a
+    // least-squares line's 2 sigma / sqrt(n) after n pulses; some 100 by the first occasion.
+    let (walk, pulse) = (clock.walk_ns_per_sqrt_s, clock.pps_sigma_ns);
+    ClockModel::SharedWander {
+        offset_sigma_ns: (walk * pulse).sqrt().hypot(0.2 * pulse).max(0.1),
+        // Estimated on board.
+        drift_sigma_ns_per_s: 0.01,
+        // The discipline follows the walk by steps as large as its own; before the steady state its variance falls by
+        // 4 sigma^2 / n^2 a second, some 250 pulses into the mission on the lanes.
+        walk_ns_per_sqrt_s: (walk * SQRT_2).hypot(2.0 * pulse / 250.0).max(1e-3),
     }
 }
 
@@ -264,6 +284,7 @@ pub(super) fn surroundings(scenario: &Scenario, users: &[User]) -> Surroundings 
     let channel = ChannelConfig {
         radius_m: scenario.fleet.radius_m,
         toa_sigma_ns: srs.sigma_toa_ns,
+        symbols: srs.symbols,
         nlos_probability: srs.nlos_fraction,
         nlos_min_ns: srs.nlos_min_ns,
         nlos_max_ns: srs.nlos_max_ns,
@@ -339,6 +360,11 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
         drift_ns_per_s: scenario.clock.drift_ns_per_s,
         walk_ns_per_sqrt_s: scenario.clock.walk_ns_per_sqrt_s,
     };
+    let pps = PpsConfig {
+        sigma_ns: scenario.clock.pps_sigma_ns,
+        loss: scenario.clock.pps_loss_fraction,
+        outlier: scenario.clock.pps_outlier_fraction,
+    };
     let vehicle = VehicleConfig {
         max_speed_mps: scenario.fleet.speed_mps,
         max_accel_mps2: scenario.fleet.max_accel_mps2,
@@ -353,6 +379,7 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
             uplink: Link::new(link_config(scenario), seed, Stream::LinkUp, index),
             downlink: Link::new(link_config(scenario), seed, Stream::LinkDown, index),
             clock: Clock::new(&clock, seed, index),
+            pps: Pps::new(pps, seed, index),
             wind: Wind::new(&wind, dt_s, seed, index),
             gnss: Gnss::new(&gnss, dt_s, seed, index),
             battery: Battery::new(&battery, seed, index),
@@ -368,7 +395,17 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
 /// What a drone of the scenario is born with.
 fn agent_config(scenario: &Scenario, id: DroneId) -> AgentConfig {
     let mut config = AgentConfig::new(id);
-    config.oscillator.rate = TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked");
+    let ps = |ns: f64| (1e3 * ns).round() as u32;
+    config.oscillator = Oscillator {
+        rate: TickRate::new(scenario.srs.tick_hz).expect("the scenario was checked"),
+        // A nanosecond a second is a part in 10^9.
+        tolerance_ppb: (1.25 * scenario.clock.drift_ns_per_s).ceil().max(100.0) as u32,
+        walk_ps: ps(scenario.clock.walk_ns_per_sqrt_s),
+        // Simulated rates are constant; no real one is.
+        wander_fs_per_s2: 100,
+        pulse_ps: ps(scenario.clock.pps_sigma_ns),
+    };
+    config.srs_symbols = scenario.srs.symbols;
     config.share_period = TimePs((scenario.link.share_period_s * 1e12) as i64);
     config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
     config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;

@@ -62,6 +62,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
     };
     whole("fleet.drones", fleet.drones.into(), 1..=u64::from(MAX_DRONES))?;
     whole("srs.tick_hz", srs.tick_hz, 1_000_000..=10_000_000_000)?;
+    require(matches!(srs.symbols, 1 | 2 | 4), source, "srs.symbols", srs.symbols, || "1, 2 or 4".to_owned())?;
     whole("srs.max_per_second", srs.max_per_second.into(), 1..=10_000)?;
 
     for (field, value, max) in [
@@ -100,8 +101,11 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("srs.nlos_min_ns", srs.nlos_min_ns, 0.0..=MAX_TIMING_NS),
         ("srs.nlos_max_ns", srs.nlos_max_ns, 0.0..=MAX_TIMING_NS),
         ("clock.offset_ns", clock.offset_ns, 0.0..=MAX_TIMING_NS),
-        ("clock.drift_ns_per_s", clock.drift_ns_per_s, 0.0..=10_000.0),
+        ("clock.drift_ns_per_s", clock.drift_ns_per_s, 0.0..=100_000.0),
         ("clock.walk_ns_per_sqrt_s", clock.walk_ns_per_sqrt_s, 0.0..=10_000.0),
+        ("clock.pps_sigma_ns", clock.pps_sigma_ns, 0.0..=10_000.0),
+        ("clock.pps_loss_fraction", clock.pps_loss_fraction, 0.0..=1.0),
+        ("clock.pps_outlier_fraction", clock.pps_outlier_fraction, 0.0..=1.0),
         ("gnss.sigma_m", gnss.sigma_m, 0.0..=100.0),
         ("wind.mean_mps", wind.mean_mps, 0.0..=MAX_SHORT_M),
         ("wind.direction_deg", wind.direction_deg, -360.0..=360.0),

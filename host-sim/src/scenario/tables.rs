@@ -201,8 +201,11 @@ impl Default for UsersTable {
 pub struct SrsTable {
     /// Time between two requests to one user.
     pub period_s: f64,
-    /// Standard deviation of a captured arrival time.
+    /// Standard deviation of a captured arrival time, of each symbol by itself.
     pub sigma_toa_ns: f64,
+    /// Symbols that an SRS is repeated over: 1, 2 or 4 (TS 38.214 6.2.1). Each is captured by itself, and the drone
+    /// averages them.
+    pub symbols: u8,
     /// Ticks a second of the capture timer; 983.04 MHz is a tick of 2 T_c (TS 38.211 4.1).
     pub tick_hz: u64,
     /// Fraction of captures that are late because the direct path was blocked (NLOS).
@@ -222,6 +225,7 @@ impl Default for SrsTable {
         Self {
             period_s: 1.0,
             sigma_toa_ns: 5.0,
+            symbols: 1,
             tick_hz: 983_040_000,
             nlos_fraction: 0.05,
             nlos_min_ns: 100.0,
@@ -242,11 +246,24 @@ pub struct ClockTable {
     pub drift_ns_per_s: f64,
     /// Random walk of the offset.
     pub walk_ns_per_sqrt_s: f64,
+    /// Standard deviation of the pulse per second that disciplines the clocks; 0 for none, and clocks that run free.
+    pub pps_sigma_ns: f64,
+    /// Fraction of pulses that fail.
+    pub pps_loss_fraction: f64,
+    /// Fraction of pulses that come off by up to a millisecond.
+    pub pps_outlier_fraction: f64,
 }
 
 impl Default for ClockTable {
     fn default() -> Self {
-        Self { offset_ns: 200.0, drift_ns_per_s: 5.0, walk_ns_per_sqrt_s: 0.1 }
+        Self {
+            offset_ns: 200.0,
+            drift_ns_per_s: 5.0,
+            walk_ns_per_sqrt_s: 0.1,
+            pps_sigma_ns: 0.0,
+            pps_loss_fraction: 0.0,
+            pps_outlier_fraction: 0.0,
+        }
     }
 }
 

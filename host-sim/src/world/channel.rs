@@ -1,6 +1,7 @@
 //! The way of an SRS from a user to the drones that hear it.
 //!
-//! Arrival = emission + distance / c + noise, plus a delay where the direct path is blocked (NLOS).
+//! Arrival = emission + distance / c + noise, plus a delay where the direct path is blocked (NLOS). Where an SRS is
+//! repeated over symbols, each arrives with noise of its own, all by the same path.
 //! A drone captures only users within its coverage disk: the horizontal distance counts, as in the
 //! paper's Fig. 2. The motion of a drone during the flight of the wave (some 20 micrometres) is left out.
 //!
@@ -13,6 +14,7 @@ use crate::rng::{self, Stream};
 use crate::world::{ConfigError, Range, require};
 use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
+use skyroost_firmware::srs::burst::{MAX_SYMBOLS, symbol_time};
 
 /// Speed of light, metres per second.
 pub const C_MPS: f64 = 299_792_458.0;
@@ -26,8 +28,10 @@ const WORDS_PER_DRONE: u128 = 64;
 pub struct ChannelConfig {
     /// Coverage radius `R_C` of a drone, horizontally.
     pub radius_m: f64,
-    /// Standard deviation of the time of arrival.
+    /// Standard deviation of the time of arrival of one symbol.
     pub toa_sigma_ns: f64,
+    /// Symbols that an SRS is repeated over, 1 to 4.
+    pub symbols: u8,
     /// Probability that the direct path is blocked.
     pub nlos_probability: f64,
     /// Least extra delay then.
@@ -45,6 +49,7 @@ impl Default for ChannelConfig {
         Self {
             radius_m: 500.0,
             toa_sigma_ns: 5.0,
+            symbols: 1,
             nlos_probability: 0.05,
             nlos_min_ns: 100.0,
             nlos_max_ns: 1000.0,
@@ -62,6 +67,9 @@ impl ChannelConfig {
     pub fn check(&self) -> Result<(), ConfigError> {
         require("radius_m", self.radius_m, Range::Positive)?;
         require("toa_sigma_ns", self.toa_sigma_ns, Range::NotNegative)?;
+        if !(1..=MAX_SYMBOLS).contains(&self.symbols) {
+            return Err(ConfigError { field: "symbols", found: self.symbols.into(), expected: "1 to 4" });
+        }
         require("nlos_probability", self.nlos_probability, Range::Probability)?;
         require("nlos_min_ns", self.nlos_min_ns, Range::NotNegative)?;
         require("nlos_max_ns", self.nlos_max_ns, Range::NotNegative)?;
@@ -77,8 +85,11 @@ impl ChannelConfig {
 /// A captured signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Arrival {
-    /// True time of the capture, noise included.
+    /// True time of the first symbol's capture, noise included.
     pub true_ps: i64,
+    /// Of the other symbols' captures, as many as there are.
+    repeats_ps: [i64; MAX_SYMBOLS as usize - 1],
+    repeats: u8,
     /// Whether it came late, by a path that is not the direct one: the truth for whoever judges outlier tests.
     pub late: bool,
 }
@@ -92,6 +103,14 @@ pub enum Reception {
     Missed,
     /// The drone does not cover the user.
     OutOfRange,
+}
+
+impl Arrival {
+    /// True times of all captures, symbol by symbol.
+    pub fn symbols_ps(&self) -> impl Iterator<Item = i64> {
+        let repeats = &self.repeats_ps[..usize::from(self.repeats)];
+        std::iter::once(self.true_ps).chain(repeats.iter().copied())
+    }
 }
 
 impl Reception {
@@ -157,9 +176,17 @@ impl Channel {
         }
         let late = rng::chance(&mut rng, c.nlos_probability);
         let detour_ns = rng::uniform(&mut rng, c.nlos_min_ns, c.nlos_max_ns);
-        let noise_ns = c.toa_sigma_ns * rng::normal(&mut rng);
-        let flight_ns = path_m.norm() * (1e9 / C_MPS) + noise_ns + if late { detour_ns } else { 0.0 };
-        Reception::Captured(Arrival { true_ps: emission_ps + (1e3 * flight_ns).round() as i64, late })
+        let way_ns = path_m.norm() * (1e9 / C_MPS) + if late { detour_ns } else { 0.0 };
+        let mut arrival = |symbol| {
+            let flight_ns = way_ns + c.toa_sigma_ns * rng::normal(&mut rng);
+            emission_ps + symbol_time(symbol).0 + (1e3 * flight_ns).round() as i64
+        };
+        let (true_ps, repeats) = (arrival(0), c.symbols - 1);
+        let mut repeats_ps = [0; MAX_SYMBOLS as usize - 1];
+        for (ps, symbol) in repeats_ps.iter_mut().zip(1..c.symbols) {
+            *ps = arrival(symbol);
+        }
+        Reception::Captured(Arrival { true_ps, repeats_ps, repeats, late })
     }
 }
 
@@ -195,6 +222,31 @@ mod tests {
         assert!((mean - 550.0).abs() < 4.0 * 260.0 / 100.0, "late mean {mean}");
         assert!((variance / (900.0 * 900.0 / 12.0 + 25.0) - 1.0).abs() < 0.05, "late variance {variance}");
         assert!(excess_ns(true).all(|x| (70.0..1030.0).contains(&x)));
+    }
+
+    #[test]
+    fn truth_symbols_share_the_way_and_not_the_noise() {
+        let one = arrivals(ChannelConfig::default(), 50_000);
+        let four = arrivals(ChannelConfig { symbols: 4, ..ChannelConfig::default() }, 50_000);
+        let mut first_and_last = 0.0;
+        for (one, four) in one.iter().zip(&four) {
+            assert_eq!(
+                (one.true_ps, one.late),
+                (four.true_ps, four.late),
+                "repeating changes no first symbol"
+            );
+            let excess_ns: Vec<f64> = (four.symbols_ps().zip(0..))
+                .map(|(ps, symbol)| (ps - symbol_time(symbol).0) as f64 * 1e-3 - FLIGHT_NS)
+                .collect();
+            assert_eq!(excess_ns.len(), 4);
+            let spread_ns = excess_ns.iter().map(|ns| (ns - excess_ns[0]).abs()).fold(0.0, f64::max);
+            assert!(spread_ns < 50.0, "the detour is the same for all");
+            if !four.late {
+                first_and_last += excess_ns[0] * excess_ns[3] / 25.0;
+            }
+        }
+        assert!((first_and_last / 50_000.0).abs() < 4.0 / 50_000_f64.sqrt(), "{first_and_last}");
+        assert_eq!(one[0].symbols_ps().count(), 1);
     }
 
     #[test]

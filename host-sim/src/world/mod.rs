@@ -14,6 +14,7 @@ pub mod gauss_markov;
 pub mod gnss;
 pub mod grid;
 pub mod link;
+pub mod pps;
 pub mod users;
 pub mod vehicle;
 pub mod wind;

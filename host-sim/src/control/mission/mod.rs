@@ -25,7 +25,7 @@ use refine::Refinement;
 use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
-    message::{Down, EventCode, FlightPhase, MateTdoa, PeerState, TdoaEntry, TdoaFlags, Up},
+    message::{Down, EventCode, FlightPhase, MateTdoa, PeerState, TdoaCounts, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId},
 };
 use thiserror::Error;
@@ -305,6 +305,11 @@ impl ControlCenter {
     #[must_use]
     pub fn events(&self) -> &[OperatorEvent] {
         &self.events
+    }
+
+    /// What became of the captures of the users that each drone serves, by its last telemetry.
+    pub fn tdoa_counts(&self) -> impl Iterator<Item = TdoaCounts> {
+        self.drones.iter().filter_map(|drone| drone.telemetry).map(|telemetry| telemetry.tdoa)
     }
 
     /// What could not be used.
