@@ -26,15 +26,15 @@ Examples:
   skyroost accuracy --json | jq .trade_off
       Results for a script.
 
-Outputs: tables of r95, the radius of the circle around an estimate that holds 95 % of the errors, in
-metres; or with --json one object, where r95_m has a number for each of offset_m, the distances from
+Outputs: tables of r95, the radius in metres of the circle around an estimate that holds 95 % of the
+errors; or with --json one object, where r95_m has a number for each of offset_m, the distances from
 the lane, and null where captures do not determine a position. All are Cramer-Rao bounds: no method
 does better on average, and the one of missions comes close. Files appear together at the end; files
 of the same names are replaced.
 
 Exit status: 0 done, 2 wrong usage or bad input (nothing is written).";
 
-/// Tell how well a formation locates: 95 % radii by offset, noise, clocks, side and altitude
+/// Tell how well a formation locates: 95 % radii by noise, clocks, side and altitude
 ///
 /// Three drones fly a straight lane; the Cramer-Rao bound says how well the users beside it can be located.
 #[derive(Debug, Args)]

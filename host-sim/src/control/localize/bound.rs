@@ -14,8 +14,8 @@ use super::robust::Loss;
 use super::small::{Mat, dot, horizontal, inverse, mul};
 use super::solve::State;
 
-/// Information that stands for "none" where a block must be inverted: a standard deviation of 100 km.
-const NO_INFORMATION: f64 = 1e-10;
+/// Information that stands for "none" where a block must be inverted: a standard deviation of 3000 km.
+const NO_INFORMATION: f64 = 1e-13;
 /// Bounds above this are not reported: the measurements do not determine the position.
 const UNBOUNDED_M: f64 = 10_000.0;
 

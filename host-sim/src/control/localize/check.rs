@@ -19,10 +19,11 @@ const CHI2_SIGMAS: f64 = 6.0;
 pub(super) const COMPARABLE_COST: f64 = 4.5;
 /// 95 % quantile of a chi-square with two degrees of freedom.
 const CHI2_95: f64 = 5.991;
-/// A descent ends when a step gains less.
+/// A descent ends when a step gains less; a first look may miss the minimum by as much as it can tell.
 const ENOUGH_GAIN: f64 = 1e-3;
+const GLANCE_GAIN: f64 = 0.3;
 /// Occasions of a first look at a mirror point.
-const GLANCE: usize = 16;
+const GLANCE: usize = 8;
 /// Share of r95 by which the prior may move a fix.
 const MOST_PULL: f64 = 0.2;
 /// Fixes with a smaller r95 are in the linear range (the geometry curves over some 300 m): no profile needed.
@@ -114,7 +115,7 @@ pub(super) fn restart_bad_fits<const D: usize>(
         let one = OneUser::new(problem, cfg, state, u);
         let here = state.pos_m[u];
         let cost = one.cost(here);
-        let best = (starts(one.user, cfg).into_iter().map(|start| one.descend(start, 1)))
+        let best = (starts(one.user, cfg).into_iter().map(|start| one.descend(start, 1, ENOUGH_GAIN)))
             .map(|p| (p, one.cost(p)))
             .min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((pos_m, best_cost)) = best
@@ -206,14 +207,14 @@ impl<'a, const D: usize> OneUser<'a, D> {
         self.linearise(p, &Loss::new(self.cfg.robust, 1.0), stride).fit.cost
     }
 
-    /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion.
-    fn descend(&self, start: [f64; D], stride: usize) -> [f64; D] {
+    /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion, until a step gains less than `enough`.
+    fn descend(&self, start: [f64; D], stride: usize, enough: f64) -> [f64; D] {
         let mut p = start;
-        for (scale, steps) in [(16.0, 2), (4.0, 2), (1.0, 10)] {
-            let loss = Loss::new(self.cfg.robust, scale);
+        for (scale, steps) in self.cfg.robust.stages(&[(16.0, 2), (4.0, 2), (1.0, 10)]) {
+            let loss = Loss::new(self.cfg.robust, *scale);
             let mut here = self.linearise(p, &loss, stride);
             let mut damping = 0.0;
-            for _ in 0..steps {
+            for _ in 0..*steps {
                 let mut damped = here.info;
                 (0..D).for_each(|axis| damped[axis][axis] *= 1.0 + damping);
                 let trial = stepped(p, mul(&inverse(damped), here.gradient), self.cfg);
@@ -225,7 +226,7 @@ impl<'a, const D: usize> OneUser<'a, D> {
                 }
                 (p, here) = (trial, there);
                 damping *= 0.1;
-                if gained < ENOUGH_GAIN {
+                if gained < enough {
                     break;
                 }
             }
@@ -246,12 +247,12 @@ impl<'a, const D: usize> OneUser<'a, D> {
             return false;
         }
         let stride = (self.user.span.len() / GLANCE).max(1);
-        let glance = self.descend(mirrored, stride);
+        let glance = self.descend(mirrored, stride, GLANCE_GAIN);
         // Worse already by what some of the occasions say, and the others will say the same.
         if !far(glance) || self.cost_of(glance, stride) > self.cost_of(p, stride) + COMPARABLE_COST {
             return false;
         }
-        let rival = self.descend(mirrored, 1);
+        let rival = self.descend(mirrored, 1, ENOUGH_GAIN);
         far(rival) && self.cost(rival) < self.cost(p) + COMPARABLE_COST
     }
 

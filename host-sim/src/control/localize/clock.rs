@@ -28,6 +28,8 @@ pub(super) struct Grid {
     pub(super) intervals: usize,
     /// Drones of the group.
     pub(super) drones: usize,
+    /// Whether clocks are declared to agree: then none is unknown.
+    known: bool,
     offset_sigma_ns: f64,
     /// Drift over the whole time of the group.
     drift_sigma_ns: f64,
@@ -71,6 +73,7 @@ impl Grid {
             per_second: 1.0 / step_s,
             intervals,
             drones: problem.drones.len(),
+            known: cfg.clock == ClockModel::Synchronised,
             // What is known holds at time 0; drift has widened it since.
             offset_sigma_ns: offset.hypot(drift * start_s).clamp(TIGHTEST_NS, WIDEST_NS),
             drift_sigma_ns: (drift * span_s).clamp(TIGHTEST_NS, 100.0 * WIDEST_NS),
@@ -78,9 +81,9 @@ impl Grid {
         }
     }
 
-    /// Clocks that are unknown: all but the reference.
+    /// Clocks that are unknown: all but the reference, or none.
     pub(super) fn clocks(&self) -> usize {
-        self.drones.saturating_sub(1)
+        if self.known { 0 } else { self.drones.saturating_sub(1) }
     }
 
     pub(super) fn knots(&self) -> usize {
@@ -113,6 +116,9 @@ impl Grid {
         mut matrix: Option<&mut Skyline>,
     ) -> f64 {
         let m = self.clocks();
+        if m == 0 {
+            return 0.0;
+        }
         let drift_row = self.knots() * m;
         let mut cost = 0.0;
         let mut project = Vec::with_capacity(m);
@@ -216,6 +222,9 @@ impl Clocks {
 
     /// Adds a step, in the order of unknowns.
     pub(super) fn step(&mut self, step: &[f64]) {
+        if step.is_empty() {
+            return; // known
+        }
         let m = self.drones - 1;
         let (knots, drifts) = step.split_at(step.len() - m);
         for (offsets, steps) in self.offset_ns.chunks_exact_mut(self.drones).zip(knots.chunks_exact(m)) {

@@ -73,7 +73,7 @@ fn bias_gains<const D: usize>(
         }
         let up_m = p.get(2).copied().unwrap_or(0.0);
         let mean: [f64; D] = std::array::from_fn(|axis| {
-            (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
+            (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() * row.inverse_total
         });
         for i in 0..usize::from(h.count) {
             let way_m = [p[0] - h.east_m[i], p[1] - h.north_m[i], up_m - h.up_m[i]];

@@ -66,6 +66,17 @@ pub enum Robust {
     None,
 }
 
+impl Robust {
+    /// The stages to go through of those by which noise is first taken too large: least squares needs the last only, as
+    /// the scale of the noise does not move its minimum.
+    pub(super) fn stages<T>(self, stages: &[T]) -> &[T] {
+        match self {
+            Self::Tukey { .. } => stages,
+            Self::None => &stages[stages.len().saturating_sub(1)..],
+        }
+    }
+}
+
 /// What the estimator assumes and demands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalizeConfig {

@@ -75,7 +75,7 @@ impl<const D: usize> UserBlock<D> {
     }
 
     /// Adds one occasion. Returns its slopes with the emission time projected out: `u_i - sum w u / sum w`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn add(&mut self, heard: &Heard, row: &Row<D>) -> [[f64; D]; MAX_CAPTURES] {
         self.fit.cost += row.cost;
         self.fit.captures += u32::from(heard.count);
@@ -87,20 +87,18 @@ impl<const D: usize> UserBlock<D> {
             self.fit.accepted += accepted;
             self.fit.tdoas += accepted - 1;
         }
-        let mean: [f64; D] = std::array::from_fn(|axis| {
-            (0..MAX_CAPTURES).map(|i| row.weight[i] * row.slope[i][axis]).sum::<f64>() / row.total
-        });
+        let mean: [f64; D] =
+            std::array::from_fn(|axis| dot(row.weight, row.slope.map(|u| u[axis])) * row.inverse_total);
         let slope = row.slope.map(|u| -> [f64; D] { std::array::from_fn(|axis| u[axis] - mean[axis]) });
-        for (i, u) in slope.iter().enumerate() {
-            let w = row.weight[i];
-            let wd = w * row.deviation_ns[i];
-            self.fit.chi2 += wd * row.deviation_ns[i];
-            for a in 0..D {
-                self.gradient[a] += wd * u[a];
-                for b in 0..=a {
-                    self.info[a][b] += w * u[a] * u[b];
-                    self.info[b][a] = self.info[a][b];
-                }
+        let pull: [f64; MAX_CAPTURES] = std::array::from_fn(|i| row.weight[i] * row.deviation_ns[i]);
+        self.fit.chi2 += dot(pull, row.deviation_ns);
+        for a in 0..D {
+            let along = slope.map(|u| u[a]);
+            self.gradient[a] += dot(pull, along);
+            let weighted: [f64; MAX_CAPTURES] = std::array::from_fn(|i| row.weight[i] * along[i]);
+            for b in 0..=a {
+                self.info[a][b] += dot(weighted, slope.map(|u| u[b]));
+                self.info[b][a] = self.info[a][b];
             }
         }
         slope
@@ -163,13 +161,13 @@ impl<const D: usize> Normal<D> {
             let mut last_interval = usize::MAX;
             for heard in problem.heard[user.span.clone()].iter().step_by(thin(user)) {
                 let (interval, fraction) = state.grid.locate(heard.time_s);
-                if interval != last_interval {
+                if m > 0 && interval != last_interval {
                     self.touch(interval, first_touched, m);
                     last_interval = interval;
                 }
                 let row = linearise(heard, p, state.clocks.of_captures(heard, interval, fraction), loss);
                 let slope = block.add(heard, &row);
-                if row.total > 0.0 {
+                if m > 0 && row.total > 0.0 {
                     self.add_clocks(heard, &row, &slope, interval, fraction, m);
                 }
             }
@@ -218,7 +216,7 @@ impl<const D: usize> Normal<D> {
                 }
                 // W - W 1 1' W / (1' W 1), see `linearise`.
                 let own = if i == j { w } else { 0.0 };
-                let value = own - w * row.weight[j] / row.total;
+                let value = own - w * row.weight[j] * row.inverse_total;
                 let at = (slot - 1) * m + other - 1;
                 info[at] += value * share[0] * share[0];
                 info[at + m * m] += value * share[0] * share[1];
@@ -266,7 +264,8 @@ impl<const D: usize> Normal<D> {
     pub(super) fn eliminate(&self, state: &State<D>, damping: f64, mut s: Skyline) -> Option<Eliminated<D>> {
         let (grid, m) = (&state.grid, state.grid.clocks());
         s.clear();
-        for (k, blocks) in self.clock_info.chunks_exact(3 * m * m).enumerate() {
+        // Nothing where no clock is unknown.
+        for (k, blocks) in self.clock_info.chunks_exact((3 * m * m).max(1)).enumerate() {
             for i in 0..m {
                 for j in 0..m {
                     let at = i * m + j;

@@ -104,27 +104,72 @@ pub(super) fn split(
     keep: &dyn Fn(usize, usize) -> bool,
 ) -> (Vec<Problem>, Dropped) {
     let mut dropped = Dropped::default();
+    let mut fleets = Fleets::default();
     // Group and user, then time, then the index: packed, so that sorting stays within the keys.
-    let mut order: Vec<(u64, f64, u32)> = Vec::with_capacity(occasions.len());
+    let mut order: Vec<Key> = Vec::with_capacity(occasions.len());
     for (i, occasion) in occasions.iter().enumerate() {
         if occasion.time_s.abs() <= MOST_TIME_S {
-            let key = u64::from(occasion.clock_group) << 32 | u64::from(occasion.user.0);
-            order.push((key, occasion.time_s, i as u32));
+            let user = u64::from(occasion.clock_group) << 32 | u64::from(occasion.user.0);
+            order.push((user, ordered(occasion.time_s), i as u32));
+            fleets.add(occasion);
         } else {
             dropped.bad_time += 1;
         }
     }
-    order.sort_unstable_by(|a, b| {
-        (a.0.cmp(&b.0))
-            .then_with(|| a.1.total_cmp(&b.1))
-            // Only for occasions at the same instant, so that input order never matters.
-            .then_with(|| canonical(&occasions[a.2 as usize]).cmp(&canonical(&occasions[b.2 as usize])))
-    });
+    order.sort_unstable();
+    for same in order.chunk_by_mut(|a, b| (a.0, a.1) == (b.0, b.1)).filter(|same| same.len() > 1) {
+        // So that input order never matters.
+        same.sort_by_cached_key(|&(.., i)| canonical(&occasions[i as usize]));
+    }
     let problems = order
         .chunk_by(|a, b| a.0 >> 32 == b.0 >> 32)
-        .map(|group| build(occasions, group, cfg, keep, &mut dropped))
+        .map(|group| build(occasions, group, fleets.take((group[0].0 >> 32) as u16), cfg, keep, &mut dropped))
         .collect();
     (problems, dropped)
+}
+
+/// Group and user, [`ordered`] time, index of an occasion.
+type Key = (u64, u64, u32);
+
+/// Bits that sort as the numbers do (IEEE 754 totalOrder).
+fn ordered(x: f64) -> u64 {
+    let bits = x.to_bits();
+    bits ^ if x.is_sign_negative() { u64::MAX } else { 1 << 63 }
+}
+
+/// Drones of every clock group, sorted.
+#[derive(Default)]
+struct Fleets {
+    drones: Vec<(u16, Vec<DroneId>)>,
+    /// The last one added to.
+    last: usize,
+}
+
+impl Fleets {
+    fn add(&mut self, occasion: &Occasion) {
+        let group = occasion.clock_group;
+        if self.drones.get(self.last).is_none_or(|(known, _)| *known != group) {
+            let known = self.drones.iter().position(|(known, _)| *known == group);
+            self.last = known.unwrap_or(self.drones.len());
+            if known.is_none() {
+                self.drones.push((group, Vec::new()));
+            }
+        }
+        let drones = &mut self.drones[self.last].1;
+        for capture in &occasion.captures {
+            if let Err(at) = drones.binary_search(&capture.drone) {
+                drones.insert(at, capture.drone);
+            }
+        }
+    }
+
+    /// The drones of a group, no more than slots can number.
+    fn take(&mut self, group: u16) -> Vec<DroneId> {
+        let found = self.drones.iter_mut().find(|(known, _)| *known == group);
+        let mut drones = found.map(|(_, drones)| std::mem::take(drones)).unwrap_or_default();
+        drones.truncate(256);
+        drones
+    }
 }
 
 /// A total order of occasions with equal user and time.
@@ -141,21 +186,15 @@ fn canonical(occasion: &Occasion) -> Vec<(u16, [u64; 4])> {
     keys
 }
 
-/// One group; `group` has key, time and index, sorted.
+/// One group, sorted.
 fn build(
     occasions: &[Occasion],
-    group: &[(u64, f64, u32)],
+    group: &[Key],
+    drones: Vec<DroneId>,
     cfg: &LocalizeConfig,
     keep: &dyn Fn(usize, usize) -> bool,
     dropped: &mut Dropped,
 ) -> Problem {
-    let mut drones: Vec<DroneId> = Vec::new();
-    for capture in group.iter().flat_map(|&(.., i)| &occasions[i as usize].captures) {
-        if let Err(at) = drones.binary_search(&capture.drone) {
-            drones.insert(at, capture.drone);
-        }
-    }
-    drones.truncate(256);
     let mut problem = Problem {
         clock_group: occasions[group[0].2 as usize].clock_group,
         drones,
@@ -259,7 +298,12 @@ pub(super) fn hear(
 /// Moments of the drones' mean position over the occasions of one user.
 #[derive(Default)]
 struct Track {
-    positions: Vec<[f64; 2]>,
+    count: f64,
+    /// The first position: the others are taken relative to it, so that sums of squares keep their digits.
+    origin_m: [f64; 2],
+    sum_m: [f64; 2],
+    /// East-east, east-north, north-north.
+    sum_m2: [f64; 3],
     last_heard_s: f64,
 }
 
@@ -267,26 +311,26 @@ impl Track {
     fn add(&mut self, heard: &Heard) {
         let n = usize::from(heard.count);
         let mean = |values: &[f64; MAX_CAPTURES]| values[..n].iter().sum::<f64>() / n as f64;
-        self.positions.push([mean(&heard.east_m), mean(&heard.north_m)]);
+        let at_m = [mean(&heard.east_m), mean(&heard.north_m)];
+        if self.count == 0.0 {
+            self.origin_m = at_m;
+        }
+        let [x, y] = [at_m[0] - self.origin_m[0], at_m[1] - self.origin_m[1]];
+        self.count += 1.0;
+        self.sum_m = [self.sum_m[0] + x, self.sum_m[1] + y];
+        self.sum_m2 = [self.sum_m2[0] + x * x, self.sum_m2[1] + x * y, self.sum_m2[2] + y * y];
         self.last_heard_s = heard.time_s;
     }
 
     /// Centroid and principal axis; `None` without any occasion.
     fn finish(&self) -> Option<([f64; 2], [f64; 2])> {
-        if self.positions.is_empty() {
+        if self.count == 0.0 {
             return None;
         }
-        let n = self.positions.len() as f64;
-        let centroid: [f64; 2] =
-            std::array::from_fn(|k| self.positions.iter().map(|p| p[k]).sum::<f64>() / n);
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for p in &self.positions {
-            let [x, y] = [p[0] - centroid[0], p[1] - centroid[1]];
-            xx += x * x;
-            xy += x * y;
-            yy += y * y;
-        }
+        let [x, y] = self.sum_m.map(|sum| sum / self.count);
+        let [xx, xy, yy] = self.sum_m2.map(|sum| sum / self.count);
+        let (xx, xy, yy) = (xx - x * x, xy - x * y, yy - y * y);
         let (sin, cos) = (0.5 * f64::atan2(2.0 * xy, xx - yy)).sin_cos();
-        Some((centroid, [cos, sin]))
+        Some(([self.origin_m[0] + x, self.origin_m[1] + y], [cos, sin]))
     }
 }

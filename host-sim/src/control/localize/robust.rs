@@ -4,11 +4,15 @@ use super::model::{C_M_PER_NS, MAX_CAPTURES, Robust};
 use super::problem::Heard;
 use super::small::dot;
 
+/// What light takes for a metre.
+const NS_PER_M: f64 = 1.0 / C_M_PER_NS;
+
 /// How residuals turn into cost and weight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Loss {
     /// Inverse square of the factor by which the noise is taken larger than it is.
     inverse_scale2: f64,
+    scale2: f64,
     /// Square of the cut-off in standard deviations, and its inverse; infinite and 0 for least squares.
     cutoff2: f64,
     inverse_cutoff2: f64,
@@ -23,7 +27,8 @@ impl Loss {
             Robust::Tukey { c } => c * c,
             Robust::None => f64::INFINITY,
         };
-        Self { inverse_scale2: scale.powi(-2), cutoff2, inverse_cutoff2: cutoff2.recip(), hard: false }
+        let scale2 = scale * scale;
+        Self { inverse_scale2: 1.0 / scale2, scale2, cutoff2, inverse_cutoff2: cutoff2.recip(), hard: false }
     }
 
     /// Every capture inside the cut-off at full weight: the information in the captures believed. The biweight's
@@ -35,16 +40,25 @@ impl Loss {
     /// Tukey's biweight (Beaton & Tukey 1974) of a squared normalised residual.
     #[inline]
     fn weight(&self, z2: f64) -> f64 {
-        let left = (1.0 - z2 * self.inverse_cutoff2).max(0.0);
+        let left = larger(1.0 - z2 * self.inverse_cutoff2, 0.0);
         if self.hard { f64::from(u8::from(left > 0.0)) } else { left * left }
+    }
+
+    /// Whether this is least squares: weights do not depend on residuals.
+    #[inline]
+    fn is_plain(&self) -> bool {
+        self.inverse_cutoff2 == 0.0
     }
 
     /// Its cost: half the squared residual near zero, a sixth of the squared cut-off far away.
     #[inline]
     fn cost(&self, z2: f64) -> f64 {
-        let z2 = z2.min(self.cutoff2);
+        if self.is_plain() {
+            return 0.5 * z2;
+        }
+        let z2 = smaller(z2, self.cutoff2);
         let t = z2 * self.inverse_cutoff2;
-        // c^2/6 (1 - (1-t)^3), written out so that least squares (t = 0) keeps its digits.
+        // c^2/6 (1 - (1-t)^3)
         0.5 * z2 * (1.0 - t + t * t / 3.0)
     }
 }
@@ -56,6 +70,8 @@ pub(super) struct Row<const D: usize> {
     pub(super) weight: [f64; MAX_CAPTURES],
     /// Their sum; 0 where the occasion says nothing.
     pub(super) total: f64,
+    /// Its inverse, or 0.
+    pub(super) inverse_total: f64,
     /// Residual after subtraction of the emission time, in nanoseconds.
     pub(super) deviation_ns: [f64; MAX_CAPTURES],
     /// Derivatives of the delay by the user's coordinates, ns/m.
@@ -71,7 +87,7 @@ pub(super) struct Row<const D: usize> {
 /// Eliminating the emission time t turns the weights W into `W - W 1 1' W / (1' W 1)`, which is what the
 /// covariance of differences against a common reference amounts to, without choosing a reference. t starts at
 /// the median, which one late capture of three cannot move, and is refined by two reweightings.
-#[inline]
+#[inline(always)]
 pub(super) fn linearise<const D: usize>(
     heard: &Heard,
     pos_m: [f64; D],
@@ -84,28 +100,34 @@ pub(super) fn linearise<const D: usize>(
     for i in 0..MAX_CAPTURES {
         let way_m = [pos_m[0] - heard.east_m[i], pos_m[1] - heard.north_m[i], up_m - heard.up_m[i]];
         // A millimetre floor keeps the direction finite for a user at a drone.
-        let distance_m = dot(way_m, way_m).sqrt().max(1e-3);
-        residual[i] = heard.toa_ns[i] - distance_m * (1.0 / C_M_PER_NS) - clock_ns[i];
-        let per_metre = 1.0 / (distance_m * C_M_PER_NS);
+        let distance_m = larger(dot(way_m, way_m).sqrt(), 1e-3);
+        residual[i] = heard.toa_ns[i] - distance_m * NS_PER_M - clock_ns[i];
+        let per_metre = NS_PER_M / distance_m;
         slope[i] = std::array::from_fn(|k| way_m[k] * per_metre);
     }
-    let [a, b, c] = residual;
-    let mut emission_ns = if heard.count == 3 { a.min(b).max(a.max(b).min(c)) } else { 0.5 * (a + b) };
     let info = heard.info;
-    let mut weight = [0.0; MAX_CAPTURES];
-    let mut total = 0.0;
-    for _ in 0..2 {
-        for i in 0..MAX_CAPTURES {
-            let d = residual[i] - emission_ns;
-            weight[i] = info[i] * loss.weight(d * d * info[i] * loss.inverse_scale2);
-        }
-        total = weight[0] + weight[1] + weight[2];
-        if total <= 0.0 {
-            break;
-        }
-        emission_ns = (weight[0] * a + weight[1] * b + weight[2] * c) / total;
-        if loss.inverse_cutoff2 == 0.0 {
-            break; // least squares: weights do not depend on residuals
+    let mut weight = info;
+    let mut total = info[0] + info[1] + info[2];
+    let mut inverse_total = 1.0 / total;
+    let mut emission_ns;
+    if loss.is_plain() {
+        emission_ns = dot(weight, residual) * inverse_total;
+    } else {
+        let [a, b, c] = residual;
+        emission_ns =
+            if heard.count == 3 { larger(smaller(a, b), smaller(larger(a, b), c)) } else { 0.5 * (a + b) };
+        for _ in 0..2 {
+            for i in 0..MAX_CAPTURES {
+                let d = residual[i] - emission_ns;
+                weight[i] = info[i] * loss.weight(d * d * info[i] * loss.inverse_scale2);
+            }
+            total = weight[0] + weight[1] + weight[2];
+            if total <= 0.0 {
+                inverse_total = 0.0;
+                break;
+            }
+            inverse_total = 1.0 / total;
+            emission_ns = dot(weight, residual) * inverse_total;
         }
     }
     let deviation_ns = residual.map(|r| r - emission_ns);
@@ -114,7 +136,21 @@ pub(super) fn linearise<const D: usize>(
         cost += loss.cost(deviation_ns[i] * deviation_ns[i] * info[i] * loss.inverse_scale2);
         weight[i] *= loss.inverse_scale2;
     }
-    Row { weight, total: total * loss.inverse_scale2, deviation_ns, slope, cost }
+    total *= loss.inverse_scale2;
+    inverse_total *= loss.scale2;
+    Row { weight, total, inverse_total, deviation_ns, slope, cost }
+}
+
+/// The larger of two numbers, for numbers that are some: one instruction, where `f64::max` looks for NaN too.
+#[inline]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers, likewise.
+#[inline]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
 }
 
 #[cfg(test)]

@@ -38,8 +38,8 @@ pub(super) fn mul<const D: usize>(m: &Mat<D>, v: [f64; D]) -> [f64; D] {
 
 #[inline]
 pub(super) fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    let mut sum = 0.0;
-    for k in 0..D {
+    let mut sum = a[0] * b[0];
+    for k in 1..D {
         sum += a[k] * b[k];
     }
     sum

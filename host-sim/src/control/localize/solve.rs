@@ -3,7 +3,7 @@
 use super::check::{self, on_ground};
 use super::clock::{Clocks, Grid, Resolution, first_lines};
 use super::excess;
-use super::model::{ClockFix, FixStatus, LocalizeConfig, UserFix};
+use super::model::{ClockFix, FixStatus, LocalizeConfig, Robust, UserFix};
 use super::normal::{Eliminated, Fit, Normal, PositionPrior};
 use super::problem::{Problem, UserSpan};
 use super::r95::r95;
@@ -138,8 +138,10 @@ impl<'a, const D: usize> Solver<'a, D> {
     fn solve(&mut self) -> (State<D>, bool) {
         let (problem, cfg) = (self.problem, self.cfg);
         let mut state = self.start(problem.users.iter().map(|user| on_ground(user.centroid_m)).collect());
-        for scale in SCALES {
-            self.minimise(&mut state, scale, STEPS_PER_SCALE, true);
+        // Nothing is thrown out by least squares: the few occasions may settle it.
+        let steps = if cfg.robust == Robust::None { MOST_STEPS } else { STEPS_PER_SCALE };
+        for scale in cfg.robust.stages(&SCALES) {
+            self.minimise(&mut state, *scale, steps, true);
         }
         if problem.users.len() <= FEW_USERS {
             self.start_anew(&mut state);
@@ -176,7 +178,7 @@ impl<'a, const D: usize> Solver<'a, D> {
                 let mut pos_m = state.pos_m.clone();
                 pos_m[u] = start;
                 let mut trial = self.start(pos_m);
-                for scale in &SCALES[1..] {
+                for scale in self.cfg.robust.stages(&SCALES[1..]) {
                     self.minimise(&mut trial, *scale, STEPS_PER_SCALE, false);
                 }
                 self.minimise(&mut trial, 1.0, MOST_STEPS, false);
