@@ -36,7 +36,7 @@ const STEPS: [Step; 8] = [
     ("lint", |_| process::run(cargo("clippy").args(HOST).args(["--all-targets", "--", "-D", "warnings"]))),
     ("cross", |_| cross()), // before the tests, which fly missions on the emulated image
     ("build", |_| {
-        process::run(cargo("build").args(["--locked", "--release", "--package=skyroost-host-sim"]))
+        process::run(cargo("build").args(["--locked", "--profile=checks", "--package=skyroost-host-sim"]))
     }),
     ("test", test),
     ("budget", |_| bench::hold_boards(Thoroughness::Quick)), // with what the tests have built
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &[String]) -> Outcome {
 
 /// Runs the tests, shows what they print as they print it, and counts them.
 fn test(count: &mut TestCount) -> Outcome {
-    let binary = target_dir().join("release").join("skyroost");
+    let binary = target_dir().join("checks").join("skyroost");
     let mut command = cargo("test");
     command.args(HOST).arg("--no-fail-fast").env("SKYROOST_BIN", binary);
     command.env("SKYROOST_BOARD_IMAGE", firmware::EMULATED.image());

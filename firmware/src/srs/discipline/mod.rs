@@ -1,7 +1,7 @@
 //! GNSS time of a free-running timer, disciplined by the pulse per second.
 //!
 //! The receiver's pulse says when a second began, its navigation message says which. A line through the
-//! pulses ([`Line`]) turns the timer's nominal time into seconds and their parts, a vote ([`SecondLabel`])
+//! pulses (`Line`) turns the timer's nominal time into seconds and their parts, a vote (`SecondLabel`)
 //! numbers them. The capture timer of the flight code and the timer that a board steps by are disciplined by
 //! the same code.
 

@@ -20,7 +20,7 @@ const ALTITUDES_M: [f64; 5] = [50.0, 100.0, 200.0, 300.0, 500.0];
 pub enum Sync {
     /// Everything.
     Known,
-    /// All but constant offsets, estimated from [`SYNC_USERS`] users.
+    /// All but constant offsets, estimated from [`super::SYNC_USERS`] users.
     ConstantOffsets,
     /// What missions assume: offset, drift and walk unknown, estimated likewise.
     Mission,
