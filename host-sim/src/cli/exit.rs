@@ -3,6 +3,7 @@
 use super::accuracy::AccuracyFailure;
 use super::locate::LocateFailure;
 use super::output::OutputError;
+use super::place::PlaceFailure;
 use super::sweep::SweepFailure;
 use crate::runner::{InputError, RunError};
 use std::io;
@@ -66,6 +67,9 @@ pub(super) enum Failure {
     /// Nothing can be located.
     #[error(transparent)]
     Locate(#[from] LocateFailure),
+    /// Nobody can be placed.
+    #[error(transparent)]
+    Place(#[from] PlaceFailure),
     /// No accuracy can be told.
     #[error(transparent)]
     Accuracy(#[from] AccuracyFailure),
@@ -90,6 +94,7 @@ impl Failure {
             Self::Run(RunError::BadInput(_))
             | Self::Usage(_)
             | Self::Locate(_)
+            | Self::Place(_)
             | Self::Accuracy(_)
             | Self::Output(_)
             | Self::Stdout(_) => Exit::BadInput,

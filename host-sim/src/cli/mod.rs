@@ -3,6 +3,7 @@
 //! - `mission`: flies a whole mission,
 //! - `sweep`: plans a sweep,
 //! - `locate`: locates users from recorded captures,
+//! - `place`: places drones for located users,
 //! - `accuracy`: tells how well a formation locates,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
@@ -19,6 +20,7 @@ mod interrupt;
 mod locate;
 mod mission;
 mod output;
+mod place;
 mod sweep;
 mod values;
 
@@ -52,6 +54,7 @@ enum Command {
     Mission(Box<mission::MissionArgs>),
     Sweep(Box<sweep::SweepArgs>),
     Locate(locate::LocateArgs),
+    Place(place::PlaceArgs),
     Accuracy(accuracy::AccuracyArgs),
 }
 
@@ -71,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::Mission(args) => mission::run(args),
         Command::Sweep(args) => sweep::run(args),
         Command::Locate(args) => locate::run(args),
+        Command::Place(args) => place::run(args),
         Command::Accuracy(args) => accuracy::run(args),
     };
     let exit = result.unwrap_or_else(|failure| {

@@ -7,6 +7,7 @@ pub mod html;
 pub mod limits;
 pub mod locate;
 mod map;
+pub mod place;
 pub mod summary;
 mod summary_text;
 pub mod sweep;

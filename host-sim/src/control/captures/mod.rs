@@ -26,7 +26,6 @@
 mod decimal;
 mod fault;
 mod labels;
-mod lines;
 mod occasions;
 mod rows;
 #[cfg(test)]
@@ -39,11 +38,12 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use decimal::to_f64;
-pub use fault::{CapturesError, Fault};
-use lines::LineError;
+pub use fault::CapturesError;
 pub use occasions::Prepared;
 use rows::Row;
 
+pub use super::rows::Fault;
+use super::rows::LineError;
 use crate::geometry::V2;
 
 /// A file's captures, sorted: nothing here depends on the order of its rows but the line in [`repeated`](Self::repeated).

@@ -3,9 +3,8 @@
 use std::io::BufRead;
 
 use super::decimal::billionths;
-use super::fault::Fault;
 use super::labels::Labels;
-use super::lines::{Field, LineError, Lines, split};
+use crate::control::rows::{Fault, Field, LineError, Lines, float, metres, name, split};
 
 /// The columns of a file, in any order.
 pub(super) const COLUMNS: [&str; 8] = ["user", "epoch_s", "drone", "x_m", "y_m", "z_m", "toa_ns", "sigma_ns"];
@@ -16,7 +15,6 @@ const MOST_BYTES: u64 = 1 << 30;
 const MOST_ROWS: usize = 10_000_000;
 /// What the estimator can tell apart in one group of clocks.
 const MOST_DRONES: usize = 256;
-const MOST_LABEL_BYTES: usize = 200;
 /// Numbers beyond these are slips: of a column, of a unit, or of a coordinate system (UTM northings reach 1e7).
 const MOST_EPOCH_S: i128 = 500_000_000_000;
 const MOST_PLANE_M: f64 = 1e7;
@@ -134,22 +132,7 @@ impl Table {
 }
 
 fn label(line: u32, column: &'static str, field: Field<'_>, labels: &mut Labels) -> Result<u32, Fault> {
-    let bytes = field.unescaped();
-    let refuse = |expected: &str| Fault::field(line, column, &bytes, expected);
-    let Ok(name) = std::str::from_utf8(&bytes) else {
-        return Err(Fault { found: "bytes that are no UTF-8".to_owned(), ..refuse("text in UTF-8") });
-    };
-    let name = name.trim();
-    if name.is_empty() {
-        return Err(refuse("a name"));
-    }
-    if name.len() > MOST_LABEL_BYTES {
-        return Err(refuse(&format!("a name of at most {MOST_LABEL_BYTES} bytes")));
-    }
-    if name.chars().any(char::is_control) {
-        return Err(refuse("a name without control characters"));
-    }
-    Ok(labels.number(name))
+    Ok(labels.number(&name(line, column, field)?))
 }
 
 fn exact(line: u32, column: &'static str, field: Field<'_>, most: i128, unit: &str) -> Result<i128, Fault> {
@@ -157,18 +140,6 @@ fn exact(line: u32, column: &'static str, field: Field<'_>, most: i128, unit: &s
     billionths(field.raw.trim_ascii()).filter(in_range).ok_or_else(|| {
         Fault::field(line, column, field.raw, format!("a number of {unit} within ±{:e}", most as f64))
     })
-}
-
-fn float(field: Field<'_>) -> Option<f64> {
-    std::str::from_utf8(field.raw.trim_ascii()).ok()?.parse().ok()
-}
-
-fn metres(line: u32, column: &'static str, field: Field<'_>, most: f64) -> Result<f64, Fault> {
-    float(field)
-        .filter(|value| value.abs() <= most)
-        // Zero has one sign, so that equal rows are equal in every bit.
-        .map(|value| value + 0.0)
-        .ok_or_else(|| Fault::field(line, column, field.raw, format!("a number of metres within ±{most:e}")))
 }
 
 fn sigma(line: u32, field: Field<'_>) -> Result<f64, Fault> {

@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use super::cells::Cells;
 use super::greedy::Step;
+use super::joint::Column;
 use super::search::{self, Best, Bracket, Gain, Goal, Node, Tie, user_name};
 use super::{KeepOut, PlaceUser, Site, TOLERANCE_M, centre};
 use crate::geometry::V2;
@@ -93,9 +94,68 @@ impl<'a> Counting<'a> {
         Some(Self { cells, users, circles })
     }
 
+    /// A disk of the greatest weight over the users left; which of several, and how well centred, is left open.
+    pub(super) fn deepest(&self) -> Option<Deepest> {
+        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: false, collect_from: f64::INFINITY };
+        let found = search::search(&self.cells, &self.circles, &KeepOut::default(), goal);
+        let at = found.at?;
+        let column = Column { at, users: self.users_at(at) };
+        Some(Deepest { column, weight: found.value, ceiling: found.ceiling.max(found.value) })
+    }
+
+    /// The disks of at least this weight that no other of them outdoes; none if there are more than `most` in all.
+    pub(super) fn all_above(&self, least: f64, most: usize) -> Option<Vec<Column>> {
+        let goal = Goal { above: least, gap: 0.0, collect_ties: false, collect_from: least };
+        let found = search::search(&self.cells, &self.circles, &KeepOut::default(), goal);
+        if found.collected.len() > most {
+            return None;
+        }
+        let column = |&at: &V2| Column { at, users: self.users_at(at) };
+        Some(undominated(found.collected.values().map(column).collect()))
+    }
+
+    /// The users left that a centre covers. It may lie on a circle, and must not lose that user to rounding.
+    fn users_at(&self, at: V2) -> Vec<u32> {
+        let Circles { positions_m, radii_m, weights, .. } = &self.circles;
+        let covers = |&user: &u32| {
+            let u = user as usize;
+            weights[u] > 0.0 && (positions_m[u] - at).norm() <= radii_m[u] + 0.5 * WIDENING_M
+        };
+        let mut users: Vec<u32> = self.cells.within_reach(self.cells.square_of(at)).filter(covers).collect();
+        users.sort_unstable();
+        users
+    }
+
+    /// The column of a centre with all users that it covers, struck off or not, and these.
+    pub(super) fn all_at(&self, at: V2, and: &[u32]) -> Column {
+        let covers = |&user: &u32| {
+            let u = &self.users[user as usize];
+            u.radius_m >= 0.0 && u.weight > 0.0 && (u.pos_m - at).norm() <= u.radius_m
+        };
+        let mut users: Vec<u32> = self
+            .cells
+            .within_reach(self.cells.square_of(at))
+            .filter(covers)
+            .chain(and.iter().copied())
+            .collect();
+        users.sort_unstable();
+        users.dedup();
+        Column { at, users }
+    }
+
+    /// Strikes users off.
+    pub(super) fn strike(&mut self, users: &[u32]) {
+        for &user in users {
+            let (user, circles) = (user as usize, &self.circles);
+            let (at, reach_m) = (circles.positions_m[user], circles.radii_m[user]);
+            self.cells.add_weight(at, reach_m, -circles.weights[user]);
+            self.circles.weights[user] = 0.0;
+        }
+    }
+
     /// The best disk over the users left, and a weight that no disk exceeds, kept out or not.
     fn best_disk(&self, keep_out: &KeepOut) -> Option<(Disk, f64)> {
-        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: true };
+        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: true, collect_from: f64::INFINITY };
         let found = search::search(&self.cells, &self.circles, keep_out, goal);
         let mut best: Option<Disk> = None;
         for tie in found.ties.values() {
@@ -136,18 +196,55 @@ impl Step for Counting<'_> {
     }
 
     fn ceiling(&self) -> f64 {
-        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: false };
+        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: false, collect_from: f64::INFINITY };
         search::search(&self.cells, &self.circles, &KeepOut::default(), goal).value
     }
 
     fn serve(&mut self, site: &Site) {
-        for &user in &site.covered {
-            let circles = &self.circles;
-            let (at, reach_m) = (circles.positions_m[user], circles.radii_m[user]);
-            self.cells.add_weight(at, reach_m, -circles.weights[user]);
-            self.circles.weights[user] = 0.0;
+        let covered: Vec<u32> = site.covered.iter().map(|&user| user as u32).collect();
+        self.strike(&covered);
+    }
+}
+
+/// A disk of the greatest weight.
+#[derive(Clone, Debug)]
+pub(super) struct Deepest {
+    pub(super) column: Column,
+    /// Weight of its users.
+    pub(super) weight: f64,
+    /// No disk weighs more.
+    pub(super) ceiling: f64,
+}
+
+/// Leaves out every column all of whose users another one has too.
+fn undominated(mut columns: Vec<Column>) -> Vec<Column> {
+    columns.sort_by(|a, b| b.users.len().cmp(&a.users.len()).then_with(|| a.users.cmp(&b.users)));
+    columns.dedup_by(|a, b| a.users == b.users);
+    // Larger ones that have a column's rarest user are all that can outdo it.
+    let mut holders: std::collections::BTreeMap<u32, Vec<usize>> = std::collections::BTreeMap::new();
+    let mut kept: Vec<Column> = Vec::new();
+    for column in columns {
+        let fewest = column
+            .users
+            .iter()
+            .map(|user| holders.get(user).map_or(&[][..], Vec::as_slice))
+            .min_by_key(|h| h.len());
+        let outdone = fewest
+            .is_some_and(|holders| holders.iter().any(|&other| has_all(&kept[other].users, &column.users)));
+        if !outdone {
+            for &user in &column.users {
+                holders.entry(user).or_default().push(kept.len());
+            }
+            kept.push(column);
         }
     }
+    kept
+}
+
+/// Whether sorted `all` has every one of sorted `some`.
+fn has_all(all: &[u32], some: &[u32]) -> bool {
+    let mut rest = all.iter();
+    some.iter().all(|user| rest.by_ref().any(|other| other == user))
 }
 
 /// The stated rule: more weight, larger margin, smaller east, smaller north.

@@ -2,8 +2,9 @@
 
 use super::disk::Counting;
 use super::expected::Chances;
+use super::minlp::Minlp;
 use super::search::SAME_VALUE;
-use super::{Fleet, KeepOut, LARGEST_COORDINATE_M, Objective, PlaceError, Placement, Site};
+use super::{Fleet, KeepOut, LARGEST_COORDINATE_M, Objective, PlaceError, PlaceUser, Placement, Site};
 use crate::geometry::V2;
 
 /// The one-drone problem over what earlier drones have left.
@@ -48,6 +49,22 @@ pub fn place(objective: Objective<'_>, fleet: Fleet) -> Result<Placement, PlaceE
     }
 }
 
+/// Places a fleet by Algorithm 2, every step solved as the paper's program (6), with cones and integers: a reference for
+/// some dozens of users. Sites may come as close together as they like.
+///
+/// # Errors
+/// As [`place`].
+pub fn place_minlp(users: &[PlaceUser], fleet: Fleet) -> Result<Placement, PlaceError> {
+    check(Objective::Guaranteed(users), fleet)?;
+    let mut placement = greedy(&mut Minlp::new(users), fleet);
+    placement.never_coverable = users.iter().filter(|u| u.radius_m < 0.0).count();
+    if users.iter().all(|u| u.weight.fract() == 0.0) {
+        placement.upper_bound = (placement.upper_bound + SAME_VALUE).floor();
+    }
+    placement.proved_optimal = placement.value >= placement.upper_bound - SAME_VALUE;
+    Ok(placement)
+}
+
 /// The m steps, with a bound on any m disks: for every set S of sites, OPT <= f(S) + m max_x (f(S + x) -
 /// f(S)), because coverage is submodular (Nemhauser, Wolsey and Fisher 1978). S runs over the steps.
 fn greedy(step: &mut impl Step, fleet: Fleet) -> Placement {
@@ -74,7 +91,8 @@ fn greedy(step: &mut impl Step, fleet: Fleet) -> Placement {
     placement
 }
 
-fn none(fleet: Fleet) -> Placement {
+/// Nothing placed.
+pub(super) fn none(fleet: Fleet) -> Placement {
     Placement {
         sites: vec![None; fleet.drones],
         covered: 0,
@@ -85,7 +103,8 @@ fn none(fleet: Fleet) -> Placement {
     }
 }
 
-fn check(objective: Objective<'_>, fleet: Fleet) -> Result<(), PlaceError> {
+/// Refuses what cannot be placed.
+pub(super) fn check(objective: Objective<'_>, fleet: Fleet) -> Result<(), PlaceError> {
     let in_range = |x: f64| x.abs() <= LARGEST_COORDINATE_M; // false for NaN
     let position = |user: usize, pos_m: V2| {
         let fields = [("pos_m.x", pos_m.x), ("pos_m.y", pos_m.y)];

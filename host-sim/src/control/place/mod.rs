@@ -16,6 +16,8 @@ mod centre;
 pub mod disk;
 pub mod expected;
 mod greedy;
+mod joint;
+mod minlp;
 pub mod refine;
 mod search;
 
@@ -25,7 +27,8 @@ mod truth;
 use crate::geometry::V2;
 
 pub use expected::{UserBelief, expected_served};
-pub use greedy::place;
+pub use greedy::{place, place_minlp};
+pub use joint::place_joint;
 
 /// Disks are closed up to this much: a user counts at a distance of at most `radius_m + TOLERANCE_M`.
 pub const TOLERANCE_M: f64 = 1e-6;

@@ -16,6 +16,9 @@ use crate::geometry::V2;
 /// Sums of weights closer than this are equal.
 pub(super) const SAME_VALUE: f64 = 1e-9;
 
+/// A search that collects more sets than this ends.
+pub(super) const MOST_COLLECTED: usize = 200_000;
+
 /// What a user contributes over the disk of centres of a node.
 #[derive(Clone, Copy)]
 pub(super) enum Bracket {
@@ -104,6 +107,9 @@ pub(super) struct Best {
     pub(super) at: Option<V2>,
     /// No centre is worth more than this, not even one that is kept out.
     pub(super) ceiling: f64,
+    /// By name, the centres of all sets worth at least what [`Goal::collect_from`] asks for.
+    pub(super) collected: BTreeMap<u64, V2>,
+    collect_from: f64,
     /// By name. Those with a radius are rivals that may turn out not to be coverable.
     pub(super) ties: BTreeMap<u64, Tie>,
 }
@@ -111,6 +117,9 @@ pub(super) struct Best {
 impl Best {
     /// Offers a centre with its value and the name of the users it gains.
     pub(super) fn offer(&mut self, value: f64, name: u64, at: V2) {
+        if value >= self.collect_from {
+            self.collected.entry(name).or_insert(at);
+        }
         if value > self.value + SAME_VALUE {
             self.value = value;
             self.at = Some(at);
@@ -131,17 +140,26 @@ pub(super) struct Goal {
     pub(super) gap: f64,
     /// Also collect every other set of users that may reach the best value.
     pub(super) collect_ties: bool,
+    /// Collect every set of users worth at least this that is not part of another one, and more; infinite for none.
+    pub(super) collect_from: f64,
 }
 
 /// Best centre for one drone. The value is `goal.above` and there is no centre when nothing is better.
 pub(super) fn search<G: Gain>(cells: &Cells, gain: &G, keep_out: &KeepOut, goal: Goal) -> Best {
-    let best = Best { value: goal.above, at: None, ceiling: goal.above, ties: BTreeMap::new() };
+    let best = Best {
+        value: goal.above,
+        at: None,
+        ceiling: goal.above,
+        collected: BTreeMap::new(),
+        collect_from: goal.collect_from,
+        ties: BTreeMap::new(),
+    };
     let mut search = Search { gain, keep_out, goal, best, heap: BinaryHeap::new(), age: 0, open: Vec::new() };
     let mut squares = cells.by_ceiling(goal.above);
     loop {
         let in_heap = search.heap.peek().map_or(f64::NEG_INFINITY, |node| node.ceiling);
         let fresh = squares.peek().map_or(f64::NEG_INFINITY, |square| square.ceiling);
-        if in_heap.max(fresh) <= search.open_above() {
+        if in_heap.max(fresh) <= search.open_above() || search.best.collected.len() > MOST_COLLECTED {
             break;
         }
         if fresh >= in_heap {
@@ -172,7 +190,7 @@ struct Search<'a, G> {
 impl<G: Gain> Search<'_, G> {
     /// Nodes up to this hold nothing of interest.
     fn open_above(&self) -> f64 {
-        self.best.value + self.goal.gap.max(SAME_VALUE)
+        (self.best.value + self.goal.gap.max(SAME_VALUE)).min(self.goal.collect_from - SAME_VALUE)
     }
 
     fn open_square(&mut self, cells: &Cells, squares: &mut BinaryHeap<Ranked>) {

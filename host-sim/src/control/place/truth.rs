@@ -9,15 +9,15 @@ use rand_core::{Rng, SeedableRng};
 use super::disk::best_disk;
 use super::*;
 
-fn user(x: f64, y: f64, radius_m: f64) -> PlaceUser {
+pub(super) fn user(x: f64, y: f64, radius_m: f64) -> PlaceUser {
     PlaceUser { pos_m: V2::new(x, y), radius_m, weight: 1.0 }
 }
 
-fn unit(rng: &mut ChaCha8Rng) -> f64 {
+pub(super) fn unit(rng: &mut ChaCha8Rng) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
-fn point(rng: &mut ChaCha8Rng, side_m: f64) -> V2 {
+pub(super) fn point(rng: &mut ChaCha8Rng, side_m: f64) -> V2 {
     let x = unit(rng) * side_m;
     V2::new(x, unit(rng) * side_m)
 }
@@ -37,7 +37,7 @@ fn crossings(p: V2, r: f64, q: V2, s: f64) -> Vec<V2> {
 
 /// Every centre at which a greatest weight must be found: the users, points of their circles, all
 /// crossings of these, and those with the shores of exclusion disks. Radii are widened by `widening_m`.
-fn candidates(users: &[PlaceUser], taken: &[V2], shore_m: f64, widening_m: f64) -> Vec<V2> {
+pub(super) fn candidates(users: &[PlaceUser], taken: &[V2], shore_m: f64, widening_m: f64) -> Vec<V2> {
     let coverable = users.iter().filter(|u| u.radius_m >= 0.0);
     let mut circles: Vec<(V2, f64)> = coverable.map(|u| (u.pos_m, u.radius_m + widening_m)).collect();
     let mut points: Vec<V2> = circles.iter().map(|c| c.0).collect();
@@ -51,7 +51,7 @@ fn candidates(users: &[PlaceUser], taken: &[V2], shore_m: f64, widening_m: f64) 
     points
 }
 
-fn covers(u: &PlaceUser, at: V2, tolerance_m: f64) -> bool {
+pub(super) fn covers(u: &PlaceUser, at: V2, tolerance_m: f64) -> bool {
     u.radius_m >= 0.0 && (u.pos_m - at).norm() <= u.radius_m + tolerance_m
 }
 

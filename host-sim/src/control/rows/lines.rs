@@ -6,14 +6,14 @@
 use std::borrow::Cow;
 use std::io::{self, BufRead, Read};
 
-use super::fault::Fault;
+use super::Fault;
 use crate::control::quoted::quoted;
 
 /// A longer line is no row.
 const MOST_LINE_BYTES: usize = 4096;
 
 /// Reads line by line and counts.
-pub(super) struct Lines<R> {
+pub(in crate::control) struct Lines<R> {
     reader: R,
     line: Vec<u8>,
     number: u32,
@@ -21,7 +21,7 @@ pub(super) struct Lines<R> {
 }
 
 /// Why there is no next line.
-pub(super) enum LineError {
+pub(in crate::control) enum LineError {
     Io(io::Error),
     Fault(Fault),
 }
@@ -34,12 +34,12 @@ impl From<Fault> for LineError {
 
 impl<R: BufRead> Lines<R> {
     /// Of at most `most_bytes`.
-    pub(super) fn new(reader: R, most_bytes: u64) -> Self {
+    pub(in crate::control) fn new(reader: R, most_bytes: u64) -> Self {
         Self { reader, line: Vec::with_capacity(256), number: 0, bytes_left: most_bytes }
     }
 
     /// The next line that is not blank and its number from 1, without its end and without a byte order mark.
-    pub(super) fn next(&mut self) -> Result<Option<(u32, &[u8])>, LineError> {
+    pub(in crate::control) fn next(&mut self) -> Result<Option<(u32, &[u8])>, LineError> {
         loop {
             self.line.clear();
             // One byte more than is allowed tells a line that is too long.
@@ -53,7 +53,7 @@ impl<R: BufRead> Lines<R> {
             self.bytes_left = self.bytes_left.checked_sub(read as u64).ok_or_else(|| self.too_large())?;
             if read > MOST_LINE_BYTES && self.line.last() != Some(&b'\n') {
                 let found = format!("a line of more than {MOST_LINE_BYTES} bytes");
-                return Err(Fault::line(self.number, found, "a row of eight fields").into());
+                return Err(Fault::line(self.number, found, "a row").into());
             }
             if self.number == 1 && self.line.starts_with(b"\xef\xbb\xbf") {
                 self.line.drain(..3);
@@ -66,26 +66,26 @@ impl<R: BufRead> Lines<R> {
     }
 
     /// The number of the last line, or of the first where there is none.
-    pub(super) fn number(&self) -> u32 {
+    pub(in crate::control) fn number(&self) -> u32 {
         self.number.max(1)
     }
 
     fn too_large(&self) -> LineError {
-        let expected = "a smaller file: locate some users at a time";
+        let expected = "a smaller file: some users at a time";
         Fault::line(self.number, "more bytes than a file may have", expected).into()
     }
 }
 
 /// One field: blanks around it and the quotes around it are gone, doubled quotes inside are not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Field<'a> {
-    pub(super) raw: &'a [u8],
+pub(in crate::control) struct Field<'a> {
+    pub(in crate::control) raw: &'a [u8],
     in_quotes: bool,
 }
 
 impl<'a> Field<'a> {
     /// What was meant: doubled quotes are single ones.
-    pub(super) fn unescaped(self) -> Cow<'a, [u8]> {
+    pub(in crate::control) fn unescaped(self) -> Cow<'a, [u8]> {
         if !self.in_quotes || !self.raw.contains(&b'"') {
             return Cow::Borrowed(self.raw);
         }
@@ -102,7 +102,10 @@ impl<'a> Field<'a> {
 }
 
 /// Splits a line into its fields: the first `N`, and how many there are.
-pub(super) fn split<const N: usize>(number: u32, line: &[u8]) -> Result<([Field<'_>; N], usize), Fault> {
+pub(in crate::control) fn split<const N: usize>(
+    number: u32,
+    line: &[u8],
+) -> Result<([Field<'_>; N], usize), Fault> {
     let mut fields = [Field::default(); N];
     let mut count = 0;
     let mut rest = Some(line);
