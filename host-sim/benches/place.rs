@@ -1,15 +1,20 @@
-//! How long it takes to place, to assign and to find neighbours.
+//! How long it takes to place, to assign and to find neighbours, and how general solvers compare.
 //!
-//! `cargo bench -p skyroost-host-sim --bench place`
+//! `cargo bench -p skyroost-host-sim --bench place`; with the word `peers` behind `--` only the comparison.
+
+#[path = "place/peers.rs"]
+mod peers;
 
 use std::hint::black_box;
 
-use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, criterion_group};
 use nalgebra::Matrix2;
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 use skyroost_host_sim::control::assign::assign;
-use skyroost_host_sim::control::place::{Fleet, Objective, PlaceUser, UserBelief, place};
+use skyroost_host_sim::control::place::{
+    Fleet, Objective, PlaceUser, UserBelief, disk::best_disk, place, place_joint,
+};
 use skyroost_host_sim::control::relay::Relay;
 use skyroost_host_sim::geometry::{V2, V3};
 
@@ -37,9 +42,21 @@ fn placement(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("guaranteed", &name), |b| {
             b.iter(|| place(Objective::Guaranteed(black_box(&disks)), fleet));
         });
+        group.bench_function(BenchmarkId::new("joint", &name), |b| {
+            b.iter(|| place_joint(black_box(&disks), fleet, None));
+        });
         group.bench_function(BenchmarkId::new("expected", &name), |b| {
             b.iter(|| place(Objective::Expected { users: black_box(&beliefs), radius_m: 500.0 }, fleet));
         });
+    }
+    // One disk: a plain sweep takes over a second for the first and over four minutes for the second.
+    for users in [20_000, 200_000] {
+        let disks: Vec<PlaceUser> = scatter(users, 10_000.0, 1)
+            .into_iter()
+            .map(|pos_m| PlaceUser { pos_m, radius_m: 491.4, weight: 1.0 })
+            .collect();
+        group
+            .bench_function(BenchmarkId::new("one_disk", users), |b| b.iter(|| best_disk(black_box(&disks))));
     }
     group.finish();
 }
@@ -72,4 +89,15 @@ fn relay(c: &mut Criterion) {
 }
 
 criterion_group!(benches, placement, assignment, relay);
-criterion_main!(benches);
+
+fn main() {
+    let asked = |word: &str| std::env::args().any(|arg| arg == word);
+    if !asked("peers") {
+        benches();
+        Criterion::default().configure_from_args().final_summary();
+    }
+    // `cargo test` runs benches once, without `--bench`: the peers are for measuring only.
+    if asked("--bench") {
+        peers::compare();
+    }
+}

@@ -6,6 +6,7 @@
 //! and bound of `super::search`, which has thrown out everything else before.
 
 use std::f64::consts::TAU;
+use std::time::Instant;
 
 use super::cells::Cells;
 use super::greedy::Step;
@@ -61,6 +62,7 @@ pub(crate) struct Counting<'a> {
     cells: Cells,
     users: &'a [PlaceUser],
     circles: Circles,
+    until: Option<Instant>,
 }
 
 /// What the search sees of the users.
@@ -91,12 +93,17 @@ impl<'a> Counting<'a> {
             circles.weights[user] = u.weight;
             cells.add_weight(u.pos_m, u.radius_m + WIDENING_M, u.weight);
         }
-        Some(Self { cells, users, circles })
+        Some(Self { cells, users, circles, until: None })
+    }
+
+    /// With an end to every search, which then has the best that it met and a bound on all others.
+    pub(super) fn until(self, until: Option<Instant>) -> Self {
+        Self { until, ..self }
     }
 
     /// A disk of the greatest weight over the users left; which of several, and how well centred, is left open.
     pub(super) fn deepest(&self) -> Option<Deepest> {
-        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: false, collect_from: f64::INFINITY };
+        let goal = Goal::best(self.until);
         let found = search::search(&self.cells, &self.circles, &KeepOut::default(), goal);
         let at = found.at?;
         let column = Column { at, users: self.users_at(at) };
@@ -105,9 +112,9 @@ impl<'a> Counting<'a> {
 
     /// The disks of at least this weight that no other of them outdoes; none if there are more than `most` in all.
     pub(super) fn all_above(&self, least: f64, most: usize) -> Option<Vec<Column>> {
-        let goal = Goal { above: least, gap: 0.0, collect_ties: false, collect_from: least };
+        let goal = Goal { above: least, collect_from: least, ..Goal::best(self.until) };
         let found = search::search(&self.cells, &self.circles, &KeepOut::default(), goal);
-        if found.collected.len() > most {
+        if found.ended_early || found.collected.len() > most {
             return None;
         }
         let column = |&at: &V2| Column { at, users: self.users_at(at) };
@@ -155,7 +162,7 @@ impl<'a> Counting<'a> {
 
     /// The best disk over the users left, and a weight that no disk exceeds, kept out or not.
     fn best_disk(&self, keep_out: &KeepOut) -> Option<(Disk, f64)> {
-        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: true, collect_from: f64::INFINITY };
+        let goal = Goal { collect_ties: true, ..Goal::best(self.until) };
         let found = search::search(&self.cells, &self.circles, keep_out, goal);
         let mut best: Option<Disk> = None;
         for tie in found.ties.values() {
@@ -196,8 +203,9 @@ impl Step for Counting<'_> {
     }
 
     fn ceiling(&self) -> f64 {
-        let goal = Goal { above: 0.0, gap: 0.0, collect_ties: false, collect_from: f64::INFINITY };
-        search::search(&self.cells, &self.circles, &KeepOut::default(), goal).value
+        let goal = Goal::best(self.until);
+        let found = search::search(&self.cells, &self.circles, &KeepOut::default(), goal);
+        found.value.max(found.ceiling)
     }
 
     fn serve(&mut self, site: &Site) {

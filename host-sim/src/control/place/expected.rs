@@ -191,12 +191,7 @@ impl Chances {
 
 impl Step for Chances {
     fn best(&self, keep_out: &KeepOut) -> Option<(Site, f64)> {
-        let goal = Goal {
-            above: LEAST_GAIN_USERS,
-            gap: GAP_USERS,
-            collect_ties: false,
-            collect_from: f64::INFINITY,
-        };
+        let goal = Goal { above: LEAST_GAIN_USERS, gap: GAP_USERS, ..Goal::best(None) };
         let found = search::search(&self.cells, &self.crowd, keep_out, goal);
         let site = self.site(self.climbed(found.at?, keep_out));
         let ceiling = found.ceiling.max(site.expected);
@@ -204,12 +199,7 @@ impl Step for Chances {
     }
 
     fn ceiling(&self) -> f64 {
-        let goal = Goal {
-            above: LEAST_GAIN_USERS,
-            gap: GAP_USERS,
-            collect_ties: false,
-            collect_from: f64::INFINITY,
-        };
+        let goal = Goal { above: LEAST_GAIN_USERS, gap: GAP_USERS, ..Goal::best(None) };
         search::search(&self.cells, &self.crowd, &KeepOut::default(), goal).ceiling
     }
 

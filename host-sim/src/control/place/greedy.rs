@@ -1,5 +1,7 @@
 //! Algorithm 2: place one drone, strike off the users it serves, repeat.
 
+use std::time::Instant;
+
 use super::disk::Counting;
 use super::expected::Chances;
 use super::minlp::Minlp;
@@ -30,23 +32,30 @@ pub(super) trait Step {
 pub fn place(objective: Objective<'_>, fleet: Fleet) -> Result<Placement, PlaceError> {
     check(objective, fleet)?;
     match objective {
-        Objective::Guaranteed(users) => {
-            let never_coverable = users.iter().filter(|u| u.radius_m < 0.0).count();
-            let mut placement =
-                Counting::new(users).map_or_else(|| none(fleet), |mut step| greedy(&mut step, fleet));
-            placement.never_coverable = never_coverable;
-            // Unit weights add up to whole numbers, and so does the optimum.
-            if users.iter().all(|u| u.weight.fract() == 0.0) {
-                placement.upper_bound = (placement.upper_bound + SAME_VALUE).floor();
-            }
-            placement.proved_optimal = placement.value >= placement.upper_bound - SAME_VALUE;
-            Ok(placement)
-        }
+        Objective::Guaranteed(users) => Ok(guaranteed(users, fleet, None)),
         Objective::Expected { users, radius_m } => {
             let Some(mut chances) = Chances::new(users, radius_m) else { return Ok(none(fleet)) };
             Ok(greedy(&mut chances, fleet))
         }
     }
+}
+
+/// Algorithm 2 on checked users; steps after `until` end early, with a bound that holds all the same.
+pub(super) fn guaranteed(users: &[PlaceUser], fleet: Fleet, until: Option<Instant>) -> Placement {
+    let step = Counting::new(users).map(|step| step.until(until));
+    let placement = step.map_or_else(|| none(fleet), |mut step| greedy(&mut step, fleet));
+    judged(users, placement)
+}
+
+/// What whole weights say about a bound, and what that says about a placement.
+fn judged(users: &[PlaceUser], mut placement: Placement) -> Placement {
+    placement.never_coverable = users.iter().filter(|u| u.radius_m < 0.0).count();
+    // Whole weights add up to whole numbers, and so does the optimum.
+    if users.iter().all(|u| u.weight.fract() == 0.0) {
+        placement.upper_bound = (placement.upper_bound + SAME_VALUE).floor();
+    }
+    placement.proved_optimal = placement.value >= placement.upper_bound - SAME_VALUE;
+    placement
 }
 
 /// Places a fleet by Algorithm 2, every step solved as the paper's program (6), with cones and integers: a reference for
@@ -56,13 +65,7 @@ pub fn place(objective: Objective<'_>, fleet: Fleet) -> Result<Placement, PlaceE
 /// As [`place`].
 pub fn place_minlp(users: &[PlaceUser], fleet: Fleet) -> Result<Placement, PlaceError> {
     check(Objective::Guaranteed(users), fleet)?;
-    let mut placement = greedy(&mut Minlp::new(users), fleet);
-    placement.never_coverable = users.iter().filter(|u| u.radius_m < 0.0).count();
-    if users.iter().all(|u| u.weight.fract() == 0.0) {
-        placement.upper_bound = (placement.upper_bound + SAME_VALUE).floor();
-    }
-    placement.proved_optimal = placement.value >= placement.upper_bound - SAME_VALUE;
-    Ok(placement)
+    Ok(judged(users, greedy(&mut Minlp::new(users), fleet)))
 }
 
 /// The m steps, with a bound on any m disks: for every set S of sites, OPT <= f(S) + m max_x (f(S + x) -

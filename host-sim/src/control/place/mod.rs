@@ -28,7 +28,7 @@ use crate::geometry::V2;
 
 pub use expected::{UserBelief, expected_served};
 pub use greedy::{place, place_minlp};
-pub use joint::place_joint;
+pub use joint::{candidate_disks, place_joint};
 
 /// Disks are closed up to this much: a user counts at a distance of at most `radius_m + TOLERANCE_M`.
 pub const TOLERANCE_M: f64 = 1e-6;

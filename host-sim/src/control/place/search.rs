@@ -8,6 +8,7 @@
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap};
+use std::time::Instant;
 
 use super::KeepOut;
 use super::cells::{Cells, Ranked};
@@ -18,6 +19,9 @@ pub(super) const SAME_VALUE: f64 = 1e-9;
 
 /// A search that collects more sets than this ends.
 pub(super) const MOST_COLLECTED: usize = 200_000;
+
+/// Squares and nodes looked at between two looks at the time.
+const ROUNDS_A_LOOK: u64 = 256;
 
 /// What a user contributes over the disk of centres of a node.
 #[derive(Clone, Copy)]
@@ -110,6 +114,8 @@ pub(super) struct Best {
     /// By name, the centres of all sets worth at least what [`Goal::collect_from`] asks for.
     pub(super) collected: BTreeMap<u64, V2>,
     collect_from: f64,
+    /// Whether there was no time or room for all: `ceiling` holds, but better centres and further sets may be left.
+    pub(super) ended_early: bool,
     /// By name. Those with a radius are rivals that may turn out not to be coverable.
     pub(super) ties: BTreeMap<u64, Tie>,
 }
@@ -142,6 +148,15 @@ pub(super) struct Goal {
     pub(super) collect_ties: bool,
     /// Collect every set of users worth at least this that is not part of another one, and more; infinite for none.
     pub(super) collect_from: f64,
+    /// When to end with what is known by then.
+    pub(super) until: Option<Instant>,
+}
+
+impl Goal {
+    /// The best centre of all, exactly.
+    pub(super) fn best(until: Option<Instant>) -> Self {
+        Self { above: 0.0, gap: 0.0, collect_ties: false, collect_from: f64::INFINITY, until }
+    }
 }
 
 /// Best centre for one drone. The value is `goal.above` and there is no centre when nothing is better.
@@ -152,15 +167,23 @@ pub(super) fn search<G: Gain>(cells: &Cells, gain: &G, keep_out: &KeepOut, goal:
         ceiling: goal.above,
         collected: BTreeMap::new(),
         collect_from: goal.collect_from,
+        ended_early: false,
         ties: BTreeMap::new(),
     };
     let mut search = Search { gain, keep_out, goal, best, heap: BinaryHeap::new(), age: 0, open: Vec::new() };
     let mut squares = cells.by_ceiling(goal.above);
-    loop {
+    for round in 1u64.. {
         let in_heap = search.heap.peek().map_or(f64::NEG_INFINITY, |node| node.ceiling);
         let fresh = squares.peek().map_or(f64::NEG_INFINITY, |square| square.ceiling);
-        if in_heap.max(fresh) <= search.open_above() || search.best.collected.len() > MOST_COLLECTED {
+        if in_heap.max(fresh) <= search.open_above() {
             break;
+        }
+        let late =
+            round.is_multiple_of(ROUNDS_A_LOOK) && goal.until.is_some_and(|until| Instant::now() >= until);
+        if late || search.best.collected.len() > MOST_COLLECTED {
+            search.best.ceiling = search.best.ceiling.max(in_heap).max(fresh);
+            search.best.ended_early = true;
+            return search.best;
         }
         if fresh >= in_heap {
             search.open_square(cells, &mut squares);

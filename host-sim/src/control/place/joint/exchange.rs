@@ -1,5 +1,7 @@
 //! One drone taken out and put where it adds the most, exactly, until no such exchange helps.
 
+use std::time::Instant;
+
 use super::super::PlaceUser;
 use super::{Column, Joint, deepest};
 
@@ -16,7 +18,7 @@ pub(super) fn improve(joint: &mut Joint<'_>) {
             }
             let mut columns = joint.best.clone();
             columns.remove(drone);
-            if let Some(column) = best_beside(joint.users, &columns) {
+            if let Some(column) = best_beside(joint.users, &columns, joint.until) {
                 columns.insert(drone, column);
             }
             joint.take(columns);
@@ -28,12 +30,12 @@ pub(super) fn improve(joint: &mut Joint<'_>) {
 }
 
 /// The disk that adds the most to `columns`.
-fn best_beside(users: &[PlaceUser], columns: &[Column]) -> Option<Column> {
+fn best_beside(users: &[PlaceUser], columns: &[Column], until: Option<Instant>) -> Option<Column> {
     let mut left = users.to_vec();
     for &user in columns.iter().flat_map(|column| &column.users) {
         left[user as usize].weight = 0.0;
     }
-    deepest(&left).map(|found| Column { users: all_within(users, &found.column), at: found.column.at })
+    deepest(&left, until).map(|found| Column { users: all_within(users, &found.column), at: found.column.at })
 }
 
 /// The users of a disk that was found without those who are served already, and those.

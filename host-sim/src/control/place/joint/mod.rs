@@ -27,8 +27,8 @@ mod tests;
 use std::time::Instant;
 
 use super::disk::{Counting, Deepest};
-use super::greedy::{check, none, place};
-use super::search::SAME_VALUE;
+use super::greedy::{check, guaranteed, none};
+use super::search::{MOST_COLLECTED, SAME_VALUE};
 use super::{Fleet, KeepOut, Objective, PlaceError, PlaceUser, Placement, Site, TOLERANCE_M, centre};
 use crate::geometry::V2;
 use exact::Combination;
@@ -75,7 +75,7 @@ pub fn place_joint(
     until: Option<Instant>,
 ) -> Result<Placement, PlaceError> {
     check(Objective::Guaranteed(users), fleet)?;
-    let greedy = place(Objective::Guaranteed(users), fleet)?;
+    let greedy = guaranteed(users, fleet, until);
     if greedy.proved_optimal {
         return Ok(greedy);
     }
@@ -98,6 +98,15 @@ pub fn place_joint(
         placement.proved_optimal = placement.value >= placement.upper_bound - SAME_VALUE;
     }
     Ok(placement)
+}
+
+/// The users of every disk that some optimum may need: all sets that a disk can cover and that are no part of another
+/// one. None if there are too many to list. The program that general solvers are given, to compare with.
+#[must_use]
+pub fn candidate_disks(users: &[PlaceUser]) -> Option<Vec<Vec<u32>>> {
+    let Some(counting) = Counting::new(users) else { return Some(Vec::new()) };
+    let columns = counting.all_above(SAME_VALUE, MOST_COLLECTED)?;
+    Some(columns.into_iter().map(|column| column.users).collect())
 }
 
 /// The disks of a placement with all users that each covers, also those that an earlier one serves.
@@ -174,7 +183,7 @@ impl Joint<'_> {
         let slack = prices.bound() - (self.value + self.grain);
         let least = prices.dearest() - slack - ROUNDING;
         let priced = prices.priced(self.users);
-        let mut columns = Counting::new(&priced)?.all_above(least, MOST_ENUMERATED)?;
+        let mut columns = Counting::new(&priced)?.until(self.until).all_above(least, MOST_ENUMERATED)?;
         columns.sort_by(|a, b| b.users.len().cmp(&a.users.len()).then_with(|| a.users.cmp(&b.users)));
         Some(columns)
     }
@@ -259,6 +268,6 @@ impl Joint<'_> {
 }
 
 /// The one-disk problem with other weights than the users' own.
-fn deepest(priced: &[PlaceUser]) -> Option<Deepest> {
-    Counting::new(priced)?.deepest()
+fn deepest(priced: &[PlaceUser], until: Option<Instant>) -> Option<Deepest> {
+    Counting::new(priced)?.until(until).deepest()
 }

@@ -5,6 +5,8 @@
 //! [`super`]. Disks dearer than the master knows join it. Prices between the best known and the master's
 //! keep them from swinging (Wentges 1997, "Weighted Dantzig-Wolfe decomposition for linear mixed-integer programming").
 
+use std::time::Instant;
+
 use super::super::PlaceUser;
 use super::super::disk::Counting;
 use super::master::Master;
@@ -68,7 +70,10 @@ impl Prices {
                     mixed.clamp(LEAST_SHARE * worth(user), worth(user))
                 })
                 .collect();
-            let Some((dearest, columns)) = dear(&priced(joint.users, &tried), joint.drones) else { return };
+            let Some((dearest, columns)) = dear(&priced(joint.users, &tried), joint.drones, joint.until)
+            else {
+                return;
+            };
             let unpriced: f64 = joint.users.iter().zip(&tried).map(|(user, price)| worth(user) - price).sum();
             let bound = unpriced + joint.drones as f64 * dearest;
             let improved = bound < self.bound - ROUNDING;
@@ -100,11 +105,14 @@ fn priced(users: &[PlaceUser], prices: &[f64]) -> Vec<PlaceUser> {
 }
 
 /// The dearest disk's price, and disks that are dear: it, the dearest of the users that it leaves, and so on.
-fn dear(priced: &[PlaceUser], drones: usize) -> Option<(f64, Vec<Column>)> {
-    let mut counting = Counting::new(priced)?;
+fn dear(priced: &[PlaceUser], drones: usize, until: Option<Instant>) -> Option<(f64, Vec<Column>)> {
+    let mut counting = Counting::new(priced)?.until(until);
     let mut dearest = 0.0;
     let mut columns = Vec::new();
     for nth in 0..drones {
+        if nth > 0 && until.is_some_and(|until| Instant::now() >= until) {
+            break;
+        }
         let Some(found) = counting.deepest() else { break };
         if nth == 0 {
             dearest = found.ceiling;
