@@ -82,11 +82,12 @@ pub(super) fn is_pulled<const D: usize>(
     cfg: &LocalizeConfig,
     p: [f64; D],
     cov: &Mat<2>,
+    r95_m: f64,
 ) -> bool {
     let prior = position_prior(cfg).horizontal_info;
     let away = [prior * (p[0] - user.centroid_m[0]), prior * (p[1] - user.centroid_m[1])];
     let [east, north] = mul(cov, away);
-    east.hypot(north) > MOST_PULL * r95(*cov)
+    east.hypot(north) > MOST_PULL * r95_m
 }
 
 fn rejected_share(fit: &Fit) -> f64 {

@@ -316,7 +316,7 @@ impl<'a, const D: usize> Solver<'a, D> {
         }
         let few = self.problem.users.len() <= FEW_USERS;
         let trusted = |solver: &mut Self| !few || solver.profile_is_parabola(state, u, cov_m2);
-        let pulled = check::is_pulled(user, self.cfg, p, &horizontal(cov_m2));
+        let pulled = check::is_pulled(user, self.cfg, p, &horizontal(cov_m2), r95_m);
         if status == FixStatus::Ok && (pulled || !trusted(self)) {
             status = FixStatus::PoorGeometry;
         }
