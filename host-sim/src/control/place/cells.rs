@@ -1,10 +1,9 @@
 //! A grid of squares that serves twice: as buckets of users, and as the first squares of centres,
 //! each with an upper bound on what a drone in it can gain.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 use std::ops::Range;
 
+use super::queue::Queue;
 use crate::geometry::V2;
 
 /// Squares per longest reach, where the area is small enough to afford it: measured optimum.
@@ -12,30 +11,6 @@ const SQUARES_PER_REACH: f64 = 6.0;
 
 /// How far the circumscribed disk of a square sticks out of it, in sides, rounded up.
 const BULGE: f64 = 0.25;
-
-/// A square in the order in which it is looked at.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Ranked {
-    pub(super) ceiling: f64,
-    pub(super) square: usize,
-}
-
-impl Ord for Ranked {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.ceiling.total_cmp(&other.ceiling).then(other.square.cmp(&self.square))
-    }
-}
-impl PartialOrd for Ranked {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl PartialEq for Ranked {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Ranked {}
 
 /// Users bucketed in squares, and per square the weight that lies within reach of it.
 #[derive(Debug)]
@@ -120,9 +95,9 @@ impl Cells {
     }
 
     /// Squares whose ceiling is above `least`, to be popped by falling ceiling, ties by index.
-    pub(super) fn by_ceiling(&self, least: f64) -> BinaryHeap<Ranked> {
+    pub(super) fn by_ceiling(&self, least: f64) -> Queue<usize> {
         let above = self.ceiling.iter().enumerate().filter(|&(_, &ceiling)| ceiling >= least);
-        above.map(|(square, &ceiling)| Ranked { ceiling, square }).collect()
+        above.map(|(square, &ceiling)| (ceiling, square)).collect()
     }
 
     /// Middle and half side of a square.

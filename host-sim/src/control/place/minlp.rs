@@ -8,14 +8,12 @@
 //! best centre lies in the hull of the users, and in the disk of every user that is in. A user whose disk misses that of
 //! one that is in is out. Meant for some dozens of users; `disk` answers the same question for all.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
-
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 
 use super::greedy::Step;
+use super::queue::Queue;
 use super::{KeepOut, PlaceUser, Site, TOLERANCE_M, centre};
 use crate::geometry::V2;
 
@@ -37,28 +35,9 @@ pub(super) struct Minlp<'a> {
 /// A part of the search: who is in, who is open; all others are out.
 #[derive(Clone, Debug)]
 struct Node {
-    bound: f64,
-    age: usize,
     inside: Vec<usize>,
     open: Vec<usize>,
 }
-
-impl Ord for Node {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.bound.total_cmp(&other.bound).then(other.age.cmp(&self.age))
-    }
-}
-impl PartialOrd for Node {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl PartialEq for Node {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Node {}
 
 impl<'a> Minlp<'a> {
     pub(super) fn new(users: &'a [PlaceUser]) -> Self {
@@ -83,36 +62,37 @@ impl<'a> Minlp<'a> {
         let reach_m: Vec<f64> =
             (0..self.users.len()).map(|user| if open.contains(&user) { hull_m(user) } else { 0.0 }).collect();
         let (mut best, mut value) = (Vec::new(), 0.0);
-        let mut heap =
-            BinaryHeap::from([Node { bound: self.weight(&open), age: 0, inside: Vec::new(), open }]);
+        let mut queue = Queue::default();
+        queue.push(self.weight(&open), Node { inside: Vec::new(), open });
         let mut nodes = 0;
-        while let Some(node) = heap.pop() {
-            if node.bound < value + self.grain - ACCURACY {
+        while let Some((most, node)) = queue.pop() {
+            if most < value + self.grain - ACCURACY {
                 break;
             }
             nodes += 1;
             if nodes > MOST_NODES {
-                return (best, node.bound);
+                return (best, most);
             }
             let Some((at, shares, bound)) = self.relax(&node, &reach_m) else { continue };
-            let bound = bound.min(node.bound);
-            let covered: Vec<usize> = (node.inside.iter().chain(&node.open).copied())
-                .filter(|&user| {
-                    (self.users[user].pos_m - at).norm() <= self.users[user].radius_m + WIDENING_M
-                })
-                .collect();
+            let bound = bound.min(most);
+            let within = |user: &usize| {
+                let user = &self.users[*user];
+                (user.pos_m - at).norm() <= user.radius_m + WIDENING_M
+            };
+            // The program's rows hold to its accuracy, not to ours: where the geometry says that all who are in fit, they do.
+            let met = node.open.iter().copied().filter(within);
+            let mut covered: Vec<usize> = node.inside.iter().copied().chain(met).collect();
+            if self.common_m(&covered).is_none() {
+                covered.retain(within);
+            }
             if self.weight(&covered) > value {
                 value = self.weight(&covered);
                 best = covered;
             }
             // The open user that is most in without being covered.
             let worth = |k: usize| self.users[node.open[k]].weight * shares[k];
-            let far = |&k: &usize| {
-                let user = &self.users[node.open[k]];
-                (user.pos_m - at).norm() > user.radius_m
-            };
             let torn = (0..node.open.len())
-                .filter(far)
+                .filter(|&k| !within(&node.open[k]))
                 .max_by(|&a, &b| worth(a).total_cmp(&worth(b)).then(b.cmp(&a)));
             let Some(torn) = torn else { continue };
             let chosen = node.open[torn];
@@ -121,13 +101,21 @@ impl<'a> Minlp<'a> {
             let mut with = without.clone();
             with.inside.push(chosen);
             with.open.retain(|&other| self.meet(chosen, other));
-            for (child, age) in [(with, 2 * nodes), (without, 2 * nodes + 1)] {
+            for child in [with, without] {
                 let most = self.weight(&child.inside) + self.weight(&child.open);
-                heap.push(Node { bound: bound.min(most), age, ..child });
+                queue.push(bound.min(most), child);
             }
         }
-        let bound = heap.peek().map_or(value, |node| node.bound.max(value));
+        let bound = queue.ceiling().max(value);
         (best, if bound < value + self.grain { value } else { bound })
+    }
+
+    /// A centre that covers all of these users, and by how much at least; none if there is none.
+    fn common_m(&self, users: &[usize]) -> Option<(V2, f64)> {
+        let disks: Vec<(V2, f64)> =
+            users.iter().map(|&user| (self.users[user].pos_m, self.users[user].radius_m)).collect();
+        centre::most_margin(&disks, &KeepOut::default(), None)
+            .filter(|(_, margin_m)| *margin_m >= -TOLERANCE_M)
     }
 
     /// Whether the disks of two users have a point in common.
@@ -187,7 +175,6 @@ impl<'a> Minlp<'a> {
         solver.solve();
         let solution = &solver.solution;
         match solution.status {
-            SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => None,
             SolverStatus::Solved | SolverStatus::AlmostSolved => {
                 let at = origin + V2::new(solution.x[0], solution.x[1]) * unit;
                 // The dual's value is a bound also where the primal is not quite there.
@@ -195,8 +182,12 @@ impl<'a> Minlp<'a> {
                     -solution.obj_val.min(solution.obj_val_dual) + self.weight(&node.inside) + ACCURACY;
                 Some((at, solution.x[2..].to_vec(), value))
             }
-            // No number to trust: everything open may be in, and the branches decide.
-            _ => Some((origin, vec![0.5; open], self.weight(&node.inside) + self.weight(&node.open))),
+            // No point, or no number to trust. Disks that just touch look to the solver like those that miss each other:
+            // the geometry decides on those that are in, and the branches on the others.
+            _ => {
+                let at = if inside > 0 { self.common_m(&node.inside)?.0 } else { origin };
+                Some((at, vec![0.5; open], self.weight(&node.inside) + self.weight(&node.open)))
+            }
         }
     }
 }
@@ -206,9 +197,7 @@ impl Step for Minlp<'_> {
     fn best(&self, _: &KeepOut) -> Option<(Site, f64)> {
         let (mut covered, bound) = self.solve();
         covered.sort_unstable();
-        let disks: Vec<(V2, f64)> =
-            covered.iter().map(|&user| (self.users[user].pos_m, self.users[user].radius_m)).collect();
-        let (pos_m, margin_m) = centre::most_margin(&disks, &KeepOut::default(), None)?;
+        let (pos_m, margin_m) = self.common_m(&covered)?;
         let expected = self.weight(&covered);
         Some((Site { pos_m, covered, margin_m, expected }, bound.max(expected)))
     }

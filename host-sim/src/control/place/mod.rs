@@ -18,6 +18,7 @@ pub mod expected;
 mod greedy;
 mod joint;
 mod minlp;
+mod queue;
 pub mod refine;
 mod search;
 

@@ -6,12 +6,12 @@
 //! opened. The method is that of max-depth searches on arrangements of disks; exactness comes from the
 //! leaf of the objective (for counts an angular sweep, for probabilities a stated gap).
 
-use std::cmp::Ordering;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use super::KeepOut;
-use super::cells::{Cells, Ranked};
+use super::cells::Cells;
+use super::queue::Queue;
 use crate::geometry::V2;
 
 /// Sums of weights closer than this are equal.
@@ -58,7 +58,6 @@ pub(super) struct Node {
     pub(super) ceiling: f64,
     /// Name of the set of all users within reach of the node.
     pub(super) full_name: u64,
-    age: u32,
 }
 
 impl Node {
@@ -67,24 +66,6 @@ impl Node {
         self.half_m * std::f64::consts::SQRT_2
     }
 }
-
-// A heap of nodes pops the highest ceiling first, the older of two equals.
-impl Ord for Node {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.ceiling.total_cmp(&other.ceiling).then(other.age.cmp(&self.age))
-    }
-}
-impl PartialOrd for Node {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl PartialEq for Node {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Node {}
 
 /// A set of users is named by the wrapping sum of its members' names: 64 well-mixed bits, so that two
 /// different sets share a name once in 2^64.
@@ -170,22 +151,21 @@ pub(super) fn search<G: Gain>(cells: &Cells, gain: &G, keep_out: &KeepOut, goal:
         ended_early: false,
         ties: BTreeMap::new(),
     };
-    let mut search = Search { gain, keep_out, goal, best, heap: BinaryHeap::new(), age: 0, open: Vec::new() };
+    let mut search = Search { gain, keep_out, goal, best, nodes: Queue::default(), open: Vec::new() };
     let mut squares = cells.by_ceiling(goal.above);
     for round in 1u64.. {
-        let in_heap = search.heap.peek().map_or(f64::NEG_INFINITY, |node| node.ceiling);
-        let fresh = squares.peek().map_or(f64::NEG_INFINITY, |square| square.ceiling);
-        if in_heap.max(fresh) <= search.open_above() {
+        let (opened, fresh) = (search.nodes.ceiling(), squares.ceiling());
+        if opened.max(fresh) <= search.open_above() {
             break;
         }
         let late =
             round.is_multiple_of(ROUNDS_A_LOOK) && goal.until.is_some_and(|until| Instant::now() >= until);
         if late || search.best.collected.len() > MOST_COLLECTED {
-            search.best.ceiling = search.best.ceiling.max(in_heap).max(fresh);
+            search.best.ceiling = search.best.ceiling.max(opened).max(fresh);
             search.best.ended_early = true;
             return search.best;
         }
-        if fresh >= in_heap {
+        if fresh >= opened {
             search.open_square(cells, &mut squares);
         } else {
             search.settle_or_split();
@@ -204,8 +184,7 @@ struct Search<'a, G> {
     keep_out: &'a KeepOut,
     goal: Goal,
     best: Best,
-    heap: BinaryHeap<Node>,
-    age: u32,
+    nodes: Queue<Node>,
     /// Scratch: most nodes are not kept, and then their list need not be.
     open: Vec<u32>,
 }
@@ -216,15 +195,15 @@ impl<G: Gain> Search<'_, G> {
         (self.best.value + self.goal.gap.max(SAME_VALUE)).min(self.goal.collect_from - SAME_VALUE)
     }
 
-    fn open_square(&mut self, cells: &Cells, squares: &mut BinaryHeap<Ranked>) {
-        if let Some(Ranked { square, .. }) = squares.pop() {
+    fn open_square(&mut self, cells: &Cells, squares: &mut Queue<usize>) {
+        if let Some((_, square)) = squares.pop() {
             let (at, half_m) = cells.square(square);
             self.open(at, half_m, (0.0, 0), cells.within_reach(square));
         }
     }
 
     fn settle_or_split(&mut self) {
-        let Some(node) = self.heap.pop() else { return };
+        let Some((_, node)) = self.nodes.pop() else { return };
         if let Some(ceiling) = self.gain.settle(&node, self.keep_out, &mut self.best) {
             self.best.ceiling = self.best.ceiling.max(ceiling);
             return;
@@ -238,20 +217,19 @@ impl<G: Gain> Search<'_, G> {
 
     /// The best value is final here, and a node whose ceiling equals it can reach it in one way only:
     /// with all its users. So such a node is one set of users, and needs no further search.
-    fn collect_ties(&mut self, cells: &Cells, mut squares: BinaryHeap<Ranked>) {
+    fn collect_ties(&mut self, cells: &Cells, mut squares: Queue<usize>) {
         let least = self.best.value - SAME_VALUE;
-        while squares.peek().is_some_and(|square| square.ceiling >= least) {
+        while squares.ceiling() >= least {
             self.open_square(cells, &mut squares);
         }
         // The disk of a square is wider than the square, and may have a higher ceiling: search it.
-        while self.heap.peek().is_some_and(|node| node.ceiling > self.open_above()) {
+        while self.nodes.ceiling() > self.open_above() {
             self.settle_or_split();
         }
-        for node in std::mem::take(&mut self.heap).into_sorted_vec().iter().rev() {
-            if node.ceiling >= least {
-                let tie = Tie { at: node.at, rho_m: node.rho_m() };
-                self.best.ties.entry(node.full_name).or_insert(tie);
-            }
+        while self.nodes.ceiling() >= least {
+            let Some((_, node)) = self.nodes.pop() else { return };
+            let tie = Tie { at: node.at, rho_m: node.rho_m() };
+            self.best.ties.entry(node.full_name).or_insert(tie);
         }
     }
 
@@ -301,9 +279,9 @@ impl<G: Gain> Search<'_, G> {
         };
         if worth && ceiling > 0.0 {
             let full_name = open_name.wrapping_add(certain_name);
-            let (open, age) = (self.open.clone(), self.age);
-            self.heap.push(Node { at, half_m, certain, certain_name, open, ceiling, full_name, age });
-            self.age += 1;
+            let open = self.open.clone();
+            let node = Node { at, half_m, certain, certain_name, open, ceiling, full_name };
+            self.nodes.push(ceiling, node);
         }
     }
 }

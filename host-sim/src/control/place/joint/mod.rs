@@ -126,16 +126,17 @@ impl Joint<'_> {
         exchange::improve(self);
         let mut prices = Prices::new(self);
         prices.settle(self);
-        if self.is_proved() || self.late() || !prices.bound().is_finite() {
-            return;
+        if !self.is_proved() && !self.late() && prices.bound().is_finite() {
+            self.close(&prices);
         }
-        let Some(columns) = self.better(&prices) else { return };
-        let outcome = exact::best_combination(
-            self.users,
-            &columns,
-            prices.of_users(),
-            Combination { drones: self.drones, above: self.value, grain: self.grain, until: self.until },
-        );
+    }
+
+    /// Finds the optimum by these prices, whichever they are: the better they are, the fewer disks are left to combine.
+    fn close(&mut self, prices: &Prices) {
+        let Some(columns) = self.better(prices) else { return };
+        let asked =
+            Combination { drones: self.drones, above: self.value, grain: self.grain, until: self.until };
+        let outcome = exact::best_combination(self.users, &columns, prices.of_users(), asked);
         if let Some(chosen) = outcome.chosen {
             self.take(chosen.into_iter().map(|column| columns[column].clone()).collect());
         }
@@ -235,9 +236,7 @@ impl Joint<'_> {
             }
         }
         placement.upper_bound = self.bound;
-        placement.proved_optimal = placement.value
-            >= self.bound - self.grain + 2.0 * ROUNDING.min(0.4 * self.grain)
-            || placement.value >= self.bound - SAME_VALUE;
+        placement.proved_optimal = self.is_proved() && placement.value >= self.value - SAME_VALUE;
         placement
     }
 

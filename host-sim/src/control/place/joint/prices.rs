@@ -35,6 +35,23 @@ impl Prices {
         Self { of_users, bound: f64::INFINITY, dearest: f64::INFINITY }
     }
 
+    /// Prices as they are given, within what prices may be, the bound (1) that follows, and disks that are dear at them.
+    /// None where nobody can be covered.
+    pub(super) fn at(
+        users: &[PlaceUser],
+        drones: usize,
+        given: &[f64],
+        until: Option<Instant>,
+    ) -> Option<(Self, Vec<Column>)> {
+        let of_users: Vec<f64> = (users.iter().zip(given))
+            .map(|(user, price)| price.clamp(LEAST_SHARE * worth(user), worth(user)))
+            .collect();
+        let (dearest, columns) = dear(&priced(users, &of_users), drones, until)?;
+        let unpriced: f64 = users.iter().zip(&of_users).map(|(user, price)| worth(user) - price).sum();
+        let bound = unpriced + drones as f64 * dearest;
+        Some((Self { of_users, bound, dearest }, columns))
+    }
+
     pub(super) fn of_users(&self) -> &[f64] {
         &self.of_users
     }
@@ -64,22 +81,16 @@ impl Prices {
                 return;
             }
             let Some(solved) = master.solve() else { return };
-            let tried: Vec<f64> = (joint.users.iter().zip(&solved.of_users).zip(&self.of_users))
-                .map(|((user, new), best)| {
-                    let mixed = smoothing * best + (1.0 - smoothing) * new;
-                    mixed.clamp(LEAST_SHARE * worth(user), worth(user))
-                })
+            let mixed: Vec<f64> = (solved.of_users.iter().zip(&self.of_users))
+                .map(|(new, best)| smoothing * best + (1.0 - smoothing) * new)
                 .collect();
-            let Some((dearest, columns)) = dear(&priced(joint.users, &tried), joint.drones, joint.until)
-            else {
+            let Some((tried, columns)) = Self::at(joint.users, joint.drones, &mixed, joint.until) else {
                 return;
             };
-            let unpriced: f64 = joint.users.iter().zip(&tried).map(|(user, price)| worth(user) - price).sum();
-            let bound = unpriced + joint.drones as f64 * dearest;
-            let improved = bound < self.bound - ROUNDING;
-            if bound < self.bound {
-                *self = Self { of_users: tried, bound, dearest };
-                joint.lower(bound);
+            let improved = tried.bound < self.bound - ROUNDING;
+            if tried.bound < self.bound {
+                *self = tried;
+                joint.lower(self.bound);
             }
             joint.take(columns.clone());
             if joint.is_proved() || self.bound <= solved.value + ROUNDING * joint.drones as f64 {

@@ -6,7 +6,8 @@ use proptest::prelude::*;
 
 use super::super::truth::{candidates, covers, point, unit, user};
 use super::super::*;
-use super::place_joint;
+use super::prices::Prices;
+use super::{Joint, place_joint};
 use rand_chacha::ChaCha8Rng;
 use rand_core::SeedableRng;
 
@@ -105,6 +106,34 @@ proptest! {
         let users: Vec<PlaceUser> =
             spec.iter().map(|&(x, y, weight)| PlaceUser { weight, ..user(x, y, 500.0) }).collect();
         check_by_brute_force(&users, drones);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    /// Enumeration and combination alone, from any prices and with no placement to begin with: the best prices mostly leave
+    /// them nothing to do.
+    #[test]
+    fn truth_any_prices_lead_to_the_optimum(
+        spec in prop::collection::vec((0.0f64..3000.0, 0.0f64..3000.0, 1u8..4, 0.0f64..1.0), 1..14),
+        drones in 1usize..5,
+    ) {
+        let users: Vec<PlaceUser> = (spec.iter())
+            .map(|&(x, y, weight, _)| PlaceUser { weight: f64::from(weight), ..user(x, y, 500.0) })
+            .collect();
+        let given: Vec<f64> = users.iter().zip(&spec).map(|(user, spec)| spec.3 * user.weight).collect();
+        let optimum = brute_force(&users, drones, 0.0, 1e-9);
+        let (prices, columns) = Prices::at(&users, drones, &given, None).unwrap();
+        prop_assert!(prices.bound() >= optimum - 1e-9, "bound {} of {optimum}", prices.bound());
+        let mut joint = Joint {
+            users: &users, drones, until: None, grain: 1.0, best: Vec::new(), value: 0.0, bound: f64::INFINITY,
+        };
+        prop_assert!(joint.worth(&columns) <= optimum);
+        joint.close(&prices);
+        prop_assert!(joint.is_proved());
+        prop_assert_eq!(joint.value, optimum);
+        prop_assert_eq!(joint.worth(&joint.best), optimum);
     }
 }
 
