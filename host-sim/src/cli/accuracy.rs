@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use thiserror::Error;
 
+use super::answer::Delivery;
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use super::output::staged;
 use super::values::positive;
 use crate::control::accuracy::{Accuracy, AccuracyError, Formation};
 use crate::report::accuracy::AccuracyReport;
@@ -115,20 +115,14 @@ impl AccuracyArgs {
 /// Runs the subcommand.
 pub(super) fn run(args: &AccuracyArgs) -> Result<Exit, Failure> {
     let report = args.report()?;
-    if let Some(dir) = &args.out {
-        let files =
-            [(PAGE_FILE, report.to_markdown()), (PLOT_FILE, report.to_svg()), (JSON_FILE, report.to_json())];
-        staged("--out", dir, &files.map(|(name, text)| (name.to_owned(), text)))?.commit()?;
-    }
-    Console::print(&if args.json { report.to_json() } else { text_for_people(&report, args) })?;
+    let json = report.to_json();
+    let to = Delivery { out: args.out.as_deref(), json: args.json, picture: ("Plot", PLOT_FILE) };
+    to.deliver(&Console::new(args.quiet), &report, &json, || {
+        vec![
+            (PAGE_FILE, Some(report.to_markdown())),
+            (PLOT_FILE, Some(report.to_svg())),
+            (JSON_FILE, Some(json.clone())),
+        ]
+    })?;
     Ok(Exit::Ok)
-}
-
-/// The tables, and where the plot lies.
-fn text_for_people(report: &AccuracyReport, args: &AccuracyArgs) -> String {
-    let mut text = report.to_string();
-    if let Some(dir) = &args.out {
-        text += &format!("\nPlot: {}\n", dir.join(PLOT_FILE).display());
-    }
-    text
 }

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use thiserror::Error;
 
+use super::answer::Delivery;
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use super::output::staged;
 use super::values::{finite, lon_lat, not_negative, positive};
-use crate::control::captures::{Captures, CapturesError};
+use crate::control::captures::{Captures, RowsError};
 use crate::control::localize::{ClockModel, LocalizeConfig, LocalizeError, Robust, localize};
 use crate::geometry::frame::LocalFrame;
 use crate::report::locate::LocateReport;
@@ -125,7 +125,7 @@ enum Robustness {
 pub(crate) enum LocateFailure {
     /// The captures cannot be read.
     #[error(transparent)]
-    Captures(#[from] CapturesError),
+    Captures(#[from] RowsError),
     /// An option is out of the estimator's range.
     #[error("{0}")]
     Config(String),
@@ -193,29 +193,16 @@ impl LocateArgs {
 pub(super) fn run(args: &LocateArgs) -> Result<Exit, Failure> {
     let console = Console::new(args.quiet);
     let report = args.report()?;
-    if let Some(dir) = &args.out {
-        let mut files = vec![
-            (JSON_FILE, report.to_json()),
-            (USERS_FILE, report.to_users_csv()),
-            (LOCATED_FILE, report.to_located_csv()),
-            (MAP_FILE, report.to_svg()),
-        ];
-        files.extend(report.to_geojson().map(|geojson| (GEOJSON_FILE, geojson)));
-        let files: Vec<_> = files.into_iter().map(|(name, text)| (name.to_owned(), text)).collect();
-        staged("--out", dir, &files)?.commit()?;
-        if report.frame.is_none() {
-            console.log(&format!("no {GEOJSON_FILE}: it needs --origin-lon-lat"));
-        }
-    }
-    Console::print(&if args.json { report.to_json() } else { text_for_people(&report, args) })?;
+    let json = report.to_json();
+    let to = Delivery { out: args.out.as_deref(), json: args.json, picture: ("Map", MAP_FILE) };
+    to.deliver(&console, &report, &json, || {
+        vec![
+            (JSON_FILE, Some(json.clone())),
+            (USERS_FILE, Some(report.to_users_csv())),
+            (LOCATED_FILE, Some(report.to_located_csv())),
+            (MAP_FILE, Some(report.to_svg())),
+            (GEOJSON_FILE, report.to_geojson()),
+        ]
+    })?;
     Ok(Exit::Ok)
-}
-
-/// The figures, and where the files lie.
-fn text_for_people(report: &LocateReport, args: &LocateArgs) -> String {
-    let mut text = report.to_string();
-    if let Some(dir) = &args.out {
-        text += &format!("\nMap: {}\n", dir.join(MAP_FILE).display());
-    }
-    text
 }

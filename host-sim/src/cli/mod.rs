@@ -5,6 +5,7 @@
 //! - `locate`: locates users from recorded captures,
 //! - `place`: places drones for located users,
 //! - `accuracy`: tells how well a formation locates,
+//! - `answer`: files, and JSON or text, of commands that answer a question,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
 //! - `console`: results to stdout, logs and progress to stderr,
@@ -13,6 +14,7 @@
 //! - `exit`: what went wrong and the exit status it has.
 
 mod accuracy;
+mod answer;
 mod console;
 mod exit;
 mod inputs;

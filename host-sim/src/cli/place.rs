@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use thiserror::Error;
 
+use super::answer::Delivery;
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use super::output::staged;
 use super::values::{lon_lat, not_negative};
 use crate::control::located::{LocatedError, LocatedUsers};
 use crate::control::place::{
@@ -169,28 +169,15 @@ pub(super) fn run(args: &PlaceArgs) -> Result<Exit, Failure> {
     if report.left_out > 0 {
         console.log(&format!("{} features are no users with a position, left out", report.left_out));
     }
-    if let Some(dir) = &args.out {
-        let mut files = vec![
-            (JSON_FILE, report.to_json()),
-            (SITES_FILE, report.to_sites_csv()),
-            (MAP_FILE, report.to_svg()),
-        ];
-        files.extend(report.to_geojson().map(|geojson| (GEOJSON_FILE, geojson)));
-        let files: Vec<_> = files.into_iter().map(|(name, text)| (name.to_owned(), text)).collect();
-        staged("--out", dir, &files)?.commit()?;
-        if report.frame.is_none() {
-            console.log(&format!("no {GEOJSON_FILE}: it needs --origin-lon-lat"));
-        }
-    }
-    Console::print(&if args.json { report.to_json() } else { text_for_people(&report, args) })?;
+    let json = report.to_json();
+    let to = Delivery { out: args.out.as_deref(), json: args.json, picture: ("Map", MAP_FILE) };
+    to.deliver(&console, &report, &json, || {
+        vec![
+            (JSON_FILE, Some(json.clone())),
+            (SITES_FILE, Some(report.to_sites_csv())),
+            (MAP_FILE, Some(report.to_svg())),
+            (GEOJSON_FILE, report.to_geojson()),
+        ]
+    })?;
     Ok(Exit::Ok)
-}
-
-/// The figures, and where the files lie.
-fn text_for_people(report: &PlaceReport, args: &PlaceArgs) -> String {
-    let mut text = report.to_string();
-    if let Some(dir) = &args.out {
-        text += &format!("\nMap: {}\n", dir.join(MAP_FILE).display());
-    }
-    text
 }

@@ -20,11 +20,10 @@
 //! nanoseconds since 1970 (19 digits, more than a float has) lose nothing, because only differences become floats.
 //!
 //! # What is refused
-//! Everything else, with its line: see [`CapturesError`]. A row that repeats another one exactly counts once and is
+//! Everything else, with its line: see [`RowsError`]. A row that repeats another one exactly counts once and is
 //! counted in [`Captures::repeated`]; one that contradicts another (same user, epoch and drone) is refused.
 
 mod decimal;
-mod fault;
 mod labels;
 mod occasions;
 mod rows;
@@ -38,12 +37,11 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use decimal::to_f64;
-pub use fault::CapturesError;
 pub use occasions::Prepared;
 use rows::Row;
 
-pub use super::rows::Fault;
 use super::rows::LineError;
+pub use super::rows::{Fault, RowsError};
 use crate::geometry::V2;
 
 /// A file's captures, sorted: nothing here depends on the order of its rows but the line in [`repeated`](Self::repeated).
@@ -90,10 +88,10 @@ impl Captures {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`CapturesError`] names the file, the line, the column, what was found and what is expected.
-    pub fn read(file: &Path) -> Result<Self, CapturesError> {
+    /// [`RowsError`] names the file, the line, the column, what was found and what is expected.
+    pub fn read(file: &Path) -> Result<Self, RowsError> {
         let opened = File::open(file);
-        let opened = opened.map_err(|source| CapturesError::Read { file: file.to_path_buf(), source })?;
+        let opened = opened.map_err(|error| RowsError::new(file, LineError::Io(error)))?;
         Self::parse(file, BufReader::with_capacity(1 << 16, opened))
     }
 
@@ -101,13 +99,10 @@ impl Captures {
     ///
     /// # Errors
     /// As [`read`](Self::read).
-    pub fn parse(file: &Path, content: impl BufRead) -> Result<Self, CapturesError> {
-        let file = file.to_path_buf();
-        match rows::read(content) {
-            Ok(table) => Self::sorted(table).map_err(|fault| CapturesError::Content { file, fault }),
-            Err(LineError::Fault(fault)) => Err(CapturesError::Content { file, fault }),
-            Err(LineError::Io(source)) => Err(CapturesError::Read { file, source }),
-        }
+    pub fn parse(file: &Path, content: impl BufRead) -> Result<Self, RowsError> {
+        (rows::read(content))
+            .and_then(|table| Ok(Self::sorted(table)?))
+            .map_err(|error| RowsError::new(file, error))
     }
 
     fn sorted(table: rows::Table) -> Result<Self, Fault> {

@@ -21,7 +21,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::rows::{Fault, Field, LineError, Lines, float, metres, name, split};
+pub use super::rows::{Fault, RowsError};
+use super::rows::{Field, LineError, Lines, float, metres, name, split};
 use crate::geometry::V2;
 use crate::geometry::frame::LocalFrame;
 
@@ -64,22 +65,9 @@ pub struct LocatedUsers {
 /// Why a file is no list of users.
 #[derive(Debug, Error)]
 pub enum LocatedError {
-    /// The file cannot be read.
-    #[error("{}: {source}", file.display())]
-    Read {
-        /// The file.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A line is not what it should be.
-    #[error("{}: {fault}", file.display())]
-    Content {
-        /// The file.
-        file: PathBuf,
-        /// The line, what was found there and what is expected.
-        fault: Fault,
-    },
+    /// The file cannot be read, or a line is not what it should be.
+    #[error(transparent)]
+    Rows(#[from] RowsError),
     /// A feature is not what it should be.
     #[error("{}: {at}: found {found}, expected {expected}", file.display())]
     Feature {
@@ -100,20 +88,19 @@ impl LocatedUsers {
     /// # Errors
     /// [`LocatedError`] names the file, the place in it, what was found and what is expected.
     pub fn read(file: &Path) -> Result<Self, LocatedError> {
-        let refused = |source| LocatedError::Read { file: file.to_path_buf(), source };
-        let size = fs::metadata(file).map_err(refused)?.len();
+        let refused = |error: LineError| RowsError::new(file, error);
+        let size = fs::metadata(file).map_err(|error| refused(LineError::Io(error)))?.len();
         if size > MOST_BYTES {
-            let fault = Fault::line(1, format!("{size} bytes"), format!("at most {MOST_BYTES}"));
-            return Err(LocatedError::Content { file: file.to_path_buf(), fault });
+            return Err(refused(
+                Fault::line(1, format!("{size} bytes"), format!("at most {MOST_BYTES}")).into(),
+            )
+            .into());
         }
-        let content = fs::read(file).map_err(refused)?;
+        let content = fs::read(file).map_err(|error| refused(LineError::Io(error)))?;
         let suffix = file.extension().map(|suffix| suffix.to_string_lossy().to_lowercase());
         match suffix.as_deref() {
             Some("geojson" | "json") => geojson::parse(file, &content),
-            _ => Self::parse_csv(&content).map_err(|error| match error {
-                LineError::Fault(fault) => LocatedError::Content { file: file.to_path_buf(), fault },
-                LineError::Io(source) => refused(source),
-            }),
+            _ => Ok(Self::parse_csv(&content).map_err(refused)?),
         }
     }
 

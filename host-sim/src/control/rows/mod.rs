@@ -3,11 +3,46 @@
 mod lines;
 
 use std::fmt;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
 
 use super::quoted::quoted;
 pub(super) use lines::{Field, LineError, Lines, split};
 
 const MOST_LABEL_BYTES: usize = 200;
+
+/// Why a file is not read.
+#[derive(Debug, Error)]
+pub enum RowsError {
+    /// The file cannot be read.
+    #[error("{}: {source}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A line is not what it should be.
+    #[error("{}: {fault}", file.display())]
+    Content {
+        /// The file.
+        file: PathBuf,
+        /// The line, what was found there and what is expected.
+        fault: Fault,
+    },
+}
+
+impl RowsError {
+    /// Why there is no next line of `file`.
+    pub(super) fn new(file: &Path, error: LineError) -> Self {
+        let file = file.to_path_buf();
+        match error {
+            LineError::Fault(fault) => Self::Content { file, fault },
+            LineError::Io(source) => Self::Read { file, source },
+        }
+    }
+}
 
 /// A fault in a line.
 #[derive(Clone, Debug, PartialEq, Eq)]

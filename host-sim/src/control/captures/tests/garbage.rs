@@ -96,11 +96,11 @@ fn check(text: &[u8]) -> Result<(), TestCaseError> {
                 }
             }
         }
-        Err(CapturesError::Content { fault, .. }) => {
+        Err(RowsError::Content { fault, .. }) => {
             prop_assert!(fault.line >= 1 && fault.line as usize <= lines, "{} of {}", fault, lines);
             prop_assert!(!fault.to_string().contains(char::is_control), "{:?}", fault.to_string());
         }
-        Err(error @ CapturesError::Read { .. }) => prop_assert!(false, "{}", error),
+        Err(error @ RowsError::Read { .. }) => prop_assert!(false, "{}", error),
     }
     Ok(())
 }
