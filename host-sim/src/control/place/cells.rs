@@ -7,7 +7,7 @@ use super::queue::Queue;
 use crate::geometry::V2;
 
 /// Squares per longest reach, where the area is small enough to afford it: measured optimum.
-const SQUARES_PER_REACH: f64 = 6.0;
+const SQUARES_PER_REACH: f64 = 24.0;
 
 /// How far the circumscribed disk of a square sticks out of it, in sides, rounded up.
 const BULGE: f64 = 0.25;
@@ -76,25 +76,30 @@ impl Cells {
 
     /// Changes the weight of a user at `position_m` in every square within `reach_m` of it.
     pub(super) fn add_weight(&mut self, position_m: V2, reach_m: f64, difference: f64) {
-        let home = self.square_of(position_m);
-        let (first, half_m) = (self.origin_m + V2::repeat(0.5 * self.side_m), 0.5 * self.side_m);
-        // Distances are rounded: a hair more reach keeps the bound on the safe side.
-        let reach_m = reach_m + 1e-9 * self.side_m;
-        for row in self.layout.rows_near(home) {
-            let columns = self.layout.columns;
-            let middle_y = first.y + (row.start / columns) as f64 * self.side_m;
-            let dy = ((position_m.y - middle_y).abs() - half_m).max(0.0);
-            for square in row {
-                let middle_x = first.x + (square % columns) as f64 * self.side_m;
-                let dx = ((position_m.x - middle_x).abs() - half_m).max(0.0);
-                if dx * dx + dy * dy <= reach_m * reach_m {
-                    self.ceiling[square] += difference;
-                }
+        // In sides from the corner. Distances are rounded: a hair more reach keeps the bound on the safe side.
+        let at = (position_m - self.origin_m) / self.side_m;
+        let reach = reach_m / self.side_m + 1e-9;
+        let within = |from: f64, to: f64, count: usize| {
+            from.max(0.0) as usize..((to.max(0.0) as usize).saturating_add(1)).min(count)
+        };
+        for row in within(at.y - reach, at.y + reach, self.layout.rows) {
+            let gap = (row as f64 - at.y).max(at.y - (row + 1) as f64).max(0.0);
+            let half = (reach * reach - gap * gap).max(0.0).sqrt();
+            let columns = within(at.x - half, at.x + half, self.layout.columns);
+            let first = row * self.layout.columns;
+            for ceiling in &mut self.ceiling[first + columns.start..first + columns.end] {
+                *ceiling += difference;
             }
         }
     }
 
-    /// Squares whose ceiling is above `least`, to be popped by falling ceiling, ties by index.
+    /// The square with the highest ceiling, the first of equals.
+    pub(super) fn highest(&self) -> usize {
+        let ceilings = self.ceiling.iter().enumerate();
+        ceilings.fold((0, f64::NEG_INFINITY), |a, (square, &c)| if c > a.1 { (square, c) } else { a }).0
+    }
+
+    /// Squares whose ceiling is at least `least`, to be popped by falling ceiling, ties by index.
     pub(super) fn by_ceiling(&self, least: f64) -> Queue<usize> {
         let above = self.ceiling.iter().enumerate().filter(|&(_, &ceiling)| ceiling >= least);
         above.map(|(square, &ceiling)| (ceiling, square)).collect()

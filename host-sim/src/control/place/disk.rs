@@ -1,11 +1,11 @@
 //! The one-disk problem (6): the centre within `radius_m` of the greatest weight of users, exactly.
 //!
-//! The users that a centre covers change only where it crosses one of their circles, so the deepest
-//! region is bounded by arcs of circles of users it covers, and a sweep along every circle finds it
-//! (Chazelle and Lee 1986). The sweep here runs along the few arcs inside a small node of the branch
-//! and bound of `super::search`, which has thrown out everything else before.
+//! The users that a centre covers change only where it crosses one of their circles. The centres that cover
+//! a given set form an intersection of disks, which has a corner, where two circles cross, or is one whole
+//! disk (Chazelle and Lee 1986 find the deepest such region by sweeps along all circles). So the crossings and
+//! one point of every circle are all that need be tried, and of these only the few inside the small nodes
+//! of the branch and bound of `super::search`, which has thrown out everything else before.
 
-use std::f64::consts::TAU;
 use std::time::Instant;
 
 use super::cells::Cells;
@@ -19,10 +19,13 @@ use crate::geometry::V2;
 /// half of the tolerance is left for rounding.
 const WIDENING_M: f64 = 0.5 * TOLERANCE_M;
 
-/// Nodes with at most this many open circles are swept, larger ones are split: measured optimum.
-const SWEPT_CIRCLES: usize = 6;
+/// A centre may lie on a circle, and must not lose that user to rounding.
+const ON_CIRCLE_M: f64 = 0.5 * WIDENING_M;
 
-/// Nodes this small compared with the longest radius are swept whatever they hold.
+/// Nodes with at most this many open circles are settled, larger ones are split: measured optimum.
+const SETTLED_CIRCLES: usize = 6;
+
+/// Nodes this small compared with the longest radius are settled whatever they hold.
 const SMALLEST_NODE: f64 = 1.0 / 2048.0;
 
 /// A centre for one drone.
@@ -101,9 +104,10 @@ impl<'a> Counting<'a> {
         Self { until, ..self }
     }
 
-    /// A disk of the greatest weight over the users left; which of several, and how well centred, is left open.
-    pub(super) fn deepest(&self) -> Option<Deepest> {
-        let goal = Goal::best(self.until);
+    /// A disk over the users left that no other one outweighs by more than `gap`; which of several, and how well
+    /// centred, is left open.
+    pub(super) fn deepest(&self, gap: f64) -> Option<Deepest> {
+        let goal = Goal { gap, ..Goal::best(self.until) };
         let found = search::search(&self.cells, &self.circles, &KeepOut::default(), goal);
         let at = found.at?;
         let column = Column { at, users: self.users_at(at) };
@@ -121,12 +125,12 @@ impl<'a> Counting<'a> {
         Some(undominated(found.collected.values().map(column).collect()))
     }
 
-    /// The users left that a centre covers. It may lie on a circle, and must not lose that user to rounding.
+    /// The users left that a centre covers.
     fn users_at(&self, at: V2) -> Vec<u32> {
         let Circles { positions_m, radii_m, weights, .. } = &self.circles;
         let covers = |&user: &u32| {
             let u = user as usize;
-            weights[u] > 0.0 && (positions_m[u] - at).norm() <= radii_m[u] + 0.5 * WIDENING_M
+            weights[u] > 0.0 && (positions_m[u] - at).norm() <= radii_m[u] + ON_CIRCLE_M
         };
         let mut users: Vec<u32> = self.cells.within_reach(self.cells.square_of(at)).filter(covers).collect();
         users.sort_unstable();
@@ -177,8 +181,7 @@ impl<'a> Counting<'a> {
     /// The users of a tie, seen from their best centre; `None` where no centre has them all.
     fn centred(&self, tie: &Tie, keep_out: &KeepOut) -> Option<Disk> {
         let Circles { positions_m, radii_m, weights, .. } = &self.circles;
-        // A centre found by a sweep lies on a circle: it must not lose that user to rounding.
-        let slack_m = tie.rho_m + 0.5 * WIDENING_M;
+        let slack_m = tie.rho_m + ON_CIRCLE_M;
         let mut covered: Vec<usize> = self
             .cells
             .within_reach(self.cells.square_of(tie.at))
@@ -280,158 +283,65 @@ impl Gain for Circles {
     }
 
     fn settle(&self, node: &Node, keep_out: &KeepOut, best: &mut Best) -> Option<f64> {
-        if node.open.len() > SWEPT_CIRCLES && node.half_m > self.smallest_half_m {
+        if node.open.len() > SETTLED_CIRCLES && node.half_m > self.smallest_half_m {
             return None;
         }
-        let (at, rho_m) = (node.at, node.rho_m());
-        let shores: Vec<V2> = keep_out.near(at, rho_m).collect();
-        let (shore_m, now) = (keep_out.shore_m(), Sum { weight: 0.0, barred: 0, name: 0 });
-        let mut sweep = Sweep { circles: self, node, shores: &shores, shore_m, now, events: Vec::new() };
-        for &user in &node.open {
-            let user = user as usize;
-            sweep.along(self.positions_m[user], self.radii_m[user], best);
+        let rho_m = node.rho_m();
+        let shores: Vec<V2> = keep_out.near(node.at, rho_m).collect();
+        let of_users =
+            node.open.iter().map(|&user| (self.positions_m[user as usize], self.radii_m[user as usize]));
+        let circles: Vec<(V2, f64)> =
+            of_users.chain(shores.iter().map(|&shore| (shore, keep_out.shore_m()))).collect();
+        let mut offer = |at: V2| {
+            if (at - node.at).norm() <= rho_m && keep_out.allows(at) {
+                self.offer(at, node, best);
+            }
+        };
+        for (i, &circle) in circles.iter().enumerate() {
+            offer(nearest(circle, node.at));
+            for &other in &circles[i + 1..] {
+                crossings(circle, other).into_iter().flatten().for_each(&mut offer);
+            }
         }
-        for &shore in &shores {
-            sweep.along(shore, keep_out.shore_m(), best);
-        }
-        // Where some centres are kept out, the sweeps have not seen all.
+        // Where some centres are kept out, not all has been tried.
         Some(if shores.is_empty() { f64::NEG_INFINITY } else { node.ceiling })
     }
 }
 
-/// What a sweep knows of the point it is at, and how that changes at an angle.
-#[derive(Clone, Copy, Debug)]
-struct Sum {
-    weight: f64,
-    /// Exclusion disks that hold the point.
-    barred: i32,
-    name: u64,
-}
-
-impl Sum {
-    fn plus(self, change: Self) -> Self {
-        Self {
-            weight: self.weight + change.weight,
-            barred: self.barred + change.barred,
-            name: self.name.wrapping_add(change.name),
-        }
-    }
-
-    fn negative(self) -> Self {
-        Self { weight: -self.weight, barred: -self.barred, name: self.name.wrapping_neg() }
-    }
-
-    /// Whether a change is for the better.
-    fn raises(self) -> bool {
-        self.weight > 0.0 || self.barred < 0
-    }
-}
-
-/// Sweeps along circles inside one node.
-struct Sweep<'a> {
-    circles: &'a Circles,
-    node: &'a Node,
-    shores: &'a [V2],
-    shore_m: f64,
-    /// The sum at the start of the sweep.
-    now: Sum,
-    /// Changes by angle from the start.
-    events: Vec<(f64, Sum)>,
-}
-
-impl Sweep<'_> {
-    /// Offers the deepest points of the circle (`hub`, `radius_m`) within the node.
-    fn along(&mut self, hub: V2, radius_m: f64, best: &mut Best) {
-        let Some(inside) = Arc::of(hub, radius_m, self.node.at, self.node.rho_m()) else { return };
-        let (start_rad, length_rad) = (inside.middle_rad - inside.half_rad, 2.0 * inside.half_rad);
-        self.events.clear();
-        self.now = Sum { weight: self.node.certain, barred: 0, name: self.node.certain_name };
-        for &user in &self.node.open {
-            let u = user as usize;
-            if let Some(arc) = Arc::of(hub, radius_m, self.circles.positions_m[u], self.circles.radii_m[u]) {
-                let change = Sum { weight: self.circles.weights[u], barred: 0, name: user_name(user) };
-                self.mark(arc, start_rad, length_rad, change);
-            }
-        }
-        for &shore in self.shores.iter().filter(|&&s| s != hub) {
-            // The other shores bar a little less than their circle, so that their crossings stay open.
-            let barred_m = self.shore_m - 0.5 * KeepOut::CLEARANCE_M;
-            if let Some(arc) = Arc::of(hub, radius_m, shore, barred_m) {
-                self.mark(arc, start_rad, length_rad, Sum { weight: 0.0, barred: 1, name: 0 });
-            }
-        }
-        // Disks are closed and exclusions open: before a sum is read, all that raises it there has happened.
-        self.events.sort_unstable_by(|(a, x), (b, y)| {
-            a.total_cmp(b).then(y.raises().cmp(&x.raises())).then(x.name.cmp(&y.name))
-        });
-        let mut offer = |now: Sum, from: f64, to: f64| {
-            if now.barred == 0 && now.weight > 0.0 {
-                let angle_rad = start_rad + 0.5 * (from + to);
-                best.offer(now.weight, now.name, hub + V2::new(angle_rad.cos(), angle_rad.sin()) * radius_m);
-            }
+impl Circles {
+    /// Offers a centre within a node.
+    fn offer(&self, at: V2, node: &Node, best: &mut Best) {
+        let covers = |&&user: &&u32| {
+            let user = user as usize;
+            let reach_m = self.radii_m[user] + ON_CIRCLE_M;
+            (self.positions_m[user] - at).norm_squared() <= reach_m * reach_m
         };
-        let angle_after = |i: usize| self.events.get(i).map_or(length_rad, |e| e.0);
-        let mut now = self.now;
-        offer(now, 0.0, angle_after(0));
-        for (i, &(angle_rad, change)) in self.events.iter().enumerate() {
-            now = now.plus(change);
-            // Between the angles only a rise can make a new maximum.
-            if change.raises() {
-                offer(now, angle_rad, angle_after(i + 1));
-            }
-        }
-    }
-
-    /// Enters an arc into the sweep over the angles 0 to `length_rad` from `start_rad`.
-    fn mark(&mut self, arc: Arc, start_rad: f64, length_rad: f64, change: Sum) {
-        let enters = (arc.middle_rad - arc.half_rad - start_rad).rem_euclid(TAU);
-        let leaves = enters + 2.0 * arc.half_rad;
-        if arc.is_whole() || leaves >= TAU {
-            // It holds the start. An arc that comes round may end after it and begin again before the end.
-            self.now = self.now.plus(change);
-            if arc.is_whole() {
-                return;
-            }
-            if leaves - TAU < length_rad {
-                self.events.push((leaves - TAU, change.negative()));
-            }
-        }
-        if enters <= length_rad {
-            self.events.push((enters, change));
-        }
-        if leaves < length_rad {
-            self.events.push((leaves, change.negative()));
+        let covered = || node.open.iter().filter(covers);
+        let value = node.certain + covered().map(|&user| self.weights[user as usize]).sum::<f64>();
+        if value > 0.0 && best.wants(value) {
+            let name = covered().fold(node.certain_name, |name, &user| name.wrapping_add(user_name(user)));
+            best.offer(value, name, at);
         }
     }
 }
 
-/// An arc of a circle: all angles within `half_rad` of `middle_rad`.
-#[derive(Clone, Copy, Debug)]
-struct Arc {
-    middle_rad: f64,
-    half_rad: f64,
+/// The point of a circle that is nearest to `at`.
+fn nearest((hub, radius_m): (V2, f64), at: V2) -> V2 {
+    let towards = at - hub;
+    let distance_m = towards.norm();
+    if distance_m > 0.0 { hub + towards * (radius_m / distance_m) } else { hub + V2::new(radius_m, 0.0) }
 }
 
-impl Arc {
-    /// Up to rounding of its ends.
-    fn is_whole(self) -> bool {
-        self.half_rad >= 0.5 * TAU - 1e-12
+/// Where two circles cross, if they do.
+fn crossings((p, r): (V2, f64), (q, s): (V2, f64)) -> [Option<V2>; 2] {
+    let towards = q - p;
+    let squared_m2 = towards.norm_squared();
+    if squared_m2 > (r + s) * (r + s) || squared_m2 < (r - s) * (r - s) || squared_m2 <= 0.0 {
+        return [None; 2];
     }
-
-    /// The part of the circle (`hub`, `radius_m`) inside the closed disk (`at`, `reach_m`).
-    fn of(hub: V2, radius_m: f64, at: V2, reach_m: f64) -> Option<Self> {
-        let towards = at - hub;
-        let distance_m = towards.norm();
-        if reach_m < 0.0 || distance_m > radius_m + reach_m || distance_m < radius_m - reach_m {
-            return None;
-        }
-        let middle_rad = towards.y.atan2(towards.x);
-        if distance_m <= reach_m - radius_m {
-            return Some(Self { middle_rad, half_rad: 0.5 * TAU });
-        }
-        // Law of cosines in the triangle hub, disk centre, crossing.
-        let cosine = (radius_m * radius_m + distance_m * distance_m - reach_m * reach_m)
-            / (2.0 * radius_m * distance_m);
-        Some(Self { middle_rad, half_rad: cosine.clamp(-1.0, 1.0).acos() })
-    }
+    // Law of cosines: in units of the distance, how far along it and how far beside it.
+    let along = 0.5 * (1.0 + (r - s) * (r + s) / squared_m2);
+    let beside = (r * r / squared_m2 - along * along).max(0.0).sqrt();
+    let (foot, across) = (p + towards * along, V2::new(-towards.y, towards.x) * beside);
+    [Some(foot + across), Some(foot - across)]
 }

@@ -1,22 +1,25 @@
-//! Where the drones hover to serve the most users: the paper's Algorithm 2 with every step exact.
+//! Where the drones hover to serve the most users: all together with a proof, or by the paper's Algorithm 2.
 //!
-//! One step is the one-disk problem (6): the centre that has the most users within their coverage
+//! One drone is the one-disk problem (6): the centre that has the most users within their coverage
 //! radius. Its maximum is found by branch and bound over squares of centres (`search`), closed by
-//! angular sweeps over circle intersections ([`disk`]); among all centres that reach it, `centre`
-//! takes the one farthest from losing a user. `greedy` repeats the step on the users left over.
+//! the crossings of their circles ([`disk`]); among all centres that reach it, `centre`
+//! takes the one farthest from losing a user. `greedy` repeats that on the users left over, `joint` places all drones
+//! together and proves it, `minlp` is the paper's program as printed.
 //!
 //! Two objectives share that machinery. [`Objective::Guaranteed`] counts users whose whole error disk
 //! is covered, as the paper does. [`Objective::Expected`] maximises the expected number of users truly
-//! within the radio range, given the covariance of every position.
+//! within the radio range, given the covariance of every position; `likely` does so for all drones together.
 //!
 //! Units: metres, east and north of one local origin.
 
 mod cells;
 mod centre;
+mod confident;
 pub mod disk;
 pub mod expected;
 mod greedy;
 mod joint;
+mod likely;
 mod minlp;
 mod queue;
 pub mod refine;
@@ -27,9 +30,11 @@ mod truth;
 
 use crate::geometry::V2;
 
-pub use expected::{UserBelief, expected_served};
+pub use confident::{Wanted, place_confident};
+pub use expected::{UserBelief, expected_served, served_by_any};
 pub use greedy::{place, place_minlp};
 pub use joint::{candidate_disks, place_joint};
+pub use likely::place_expected;
 
 /// Disks are closed up to this much: a user counts at a distance of at most `radius_m + TOLERANCE_M`.
 pub const TOLERANCE_M: f64 = 1e-6;
@@ -128,6 +133,12 @@ pub enum PlaceError {
     BadCovariance {
         /// Index of the user.
         user: usize,
+    },
+    /// The confidence is no probability that a normal error can reach.
+    #[error("confidence is {found}, expected a probability above 0 and below 1")]
+    BadConfidence {
+        /// What it held.
+        found: f64,
     },
     /// The coverage radius is unusable.
     #[error("radius_m is {found}, expected a finite value in 0..=1e8")]

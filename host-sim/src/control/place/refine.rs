@@ -192,7 +192,7 @@ impl Counts {
 
 /// Points of equal probability under the belief with `scale` times its sigma: a sunflower's spiral, whose
 /// squared radii are quantiles of the exponential distribution.
-fn spiral(belief: &UserBelief, scale: f64, points: usize) -> Vec<V2> {
+pub(super) fn spiral(belief: &UserBelief, scale: f64, points: usize) -> Vec<V2> {
     let c = &belief.cov_m2;
     // Cholesky's factor; a covariance may be singular.
     let xx = c.m11.max(0.0).sqrt();

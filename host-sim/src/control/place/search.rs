@@ -102,6 +102,11 @@ pub(super) struct Best {
 }
 
 impl Best {
+    /// Whether a centre of this value would change anything.
+    pub(super) fn wants(&self, value: f64) -> bool {
+        value >= self.collect_from.min(self.value - SAME_VALUE)
+    }
+
     /// Offers a centre with its value and the name of the users it gains.
     pub(super) fn offer(&mut self, value: f64, name: u64, at: V2) {
         if value >= self.collect_from {
@@ -152,7 +157,10 @@ pub(super) fn search<G: Gain>(cells: &Cells, gain: &G, keep_out: &KeepOut, goal:
         ties: BTreeMap::new(),
     };
     let mut search = Search { gain, keep_out, goal, best, nodes: Queue::default(), open: Vec::new() };
-    let mut squares = cells.by_ceiling(goal.above);
+    // A first centre spares most squares the queue.
+    let first = cells.highest();
+    search.open_square(cells, first);
+    let mut squares = cells.by_ceiling(search.open_above().min(search.best.value - SAME_VALUE));
     for round in 1u64.. {
         let (opened, fresh) = (search.nodes.ceiling(), squares.ceiling());
         if opened.max(fresh) <= search.open_above() {
@@ -166,7 +174,7 @@ pub(super) fn search<G: Gain>(cells: &Cells, gain: &G, keep_out: &KeepOut, goal:
             return search.best;
         }
         if fresh >= opened {
-            search.open_square(cells, &mut squares);
+            squares.pop().into_iter().for_each(|(_, square)| search.open_square(cells, square));
         } else {
             search.settle_or_split();
         }
@@ -195,11 +203,9 @@ impl<G: Gain> Search<'_, G> {
         (self.best.value + self.goal.gap.max(SAME_VALUE)).min(self.goal.collect_from - SAME_VALUE)
     }
 
-    fn open_square(&mut self, cells: &Cells, squares: &mut Queue<usize>) {
-        if let Some((_, square)) = squares.pop() {
-            let (at, half_m) = cells.square(square);
-            self.open(at, half_m, (0.0, 0), cells.within_reach(square));
-        }
+    fn open_square(&mut self, cells: &Cells, square: usize) {
+        let (at, half_m) = cells.square(square);
+        self.open(at, half_m, (0.0, 0), cells.within_reach(square));
     }
 
     fn settle_or_split(&mut self) {
@@ -220,7 +226,7 @@ impl<G: Gain> Search<'_, G> {
     fn collect_ties(&mut self, cells: &Cells, mut squares: Queue<usize>) {
         let least = self.best.value - SAME_VALUE;
         while squares.ceiling() >= least {
-            self.open_square(cells, &mut squares);
+            squares.pop().into_iter().for_each(|(_, square)| self.open_square(cells, square));
         }
         // The disk of a square is wider than the square, and may have a higher ceiling: search it.
         while self.nodes.ceiling() > self.open_above() {
@@ -269,7 +275,7 @@ impl<G: Gain> Search<'_, G> {
             self.best.ceiling = self.best.ceiling.max(ceiling);
             return;
         }
-        if certain + middle > 0.0 && self.keep_out.allows(at) {
+        if certain + middle > 0.0 && self.best.wants(certain + middle) && self.keep_out.allows(at) {
             self.best.offer(certain + middle, certain_name.wrapping_add(middle_name), at);
         }
         let worth = if self.goal.collect_ties {

@@ -171,6 +171,39 @@ proptest! {
 }
 
 /// Maximum of a concave function over [-100, 500].
+/// The greatest margin to disks (position, radius) as a cone program, `max t` with `|p - x| <= r - t`.
+fn margin_by_cones(disks: &[(V2, f64)]) -> (V2, f64) {
+    use clarabel::algebra::CscMatrix;
+    use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+    // Rows of each disk: r - t, p - x, in the order of the cone; columns x, y, t.
+    let n = disks.len();
+    let rows: [Vec<usize>; 3] = [1, 2, 0].map(|row| (0..n).map(|k| 3 * k + row).collect());
+    let matrix = CscMatrix::new(3 * n, 3, vec![0, n, 2 * n, 3 * n], rows.concat(), vec![1.0; 3 * n]);
+    let right: Vec<f64> = disks.iter().flat_map(|(p, r)| [*r, p.x, p.y]).collect();
+    let cones = vec![SupportedConeT::SecondOrderConeT(3); n];
+    let settings = DefaultSettings { verbose: false, ..DefaultSettings::default() };
+    let none = CscMatrix::zeros((3, 3));
+    let mut solver = DefaultSolver::new(&none, &[0.0, 0.0, -1.0], &matrix, &right, &cones, settings).unwrap();
+    solver.solve();
+    assert_eq!(solver.solution.status, SolverStatus::Solved);
+    let x = &solver.solution.x;
+    (V2::new(x[0], x[1]), x[2])
+}
+
+proptest! {
+    #[test]
+    fn truth_a_cone_program_centres_drones_in_the_same_place(
+        disks in prop::collection::vec((-300.0..300.0_f64, -300.0..300.0_f64, 400.0..500.0_f64), 1..25),
+    ) {
+        let disks: Vec<(V2, f64)> = disks.iter().map(|&(x, y, r)| (V2::new(x, y), r)).collect();
+        let (at, margin_m) = centre::most_margin(&disks, &KeepOut::default(), None).unwrap();
+        let (by_cones, most_m) = margin_by_cones(&disks);
+        prop_assert!((margin_m - most_m).abs() < 1e-4, "{margin_m} {most_m}");
+        // Near the optimum the margin is flat along one direction at most.
+        prop_assert!((at - by_cones).norm() < 0.5, "{at} {by_cones}");
+    }
+}
+
 fn golden(f: impl Fn(f64) -> f64) -> f64 {
     let ratio = 0.5 * (5f64.sqrt() - 1.0);
     let (mut low, mut high) = (-100.0, 500.0);

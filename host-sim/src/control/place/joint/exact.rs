@@ -17,15 +17,14 @@ const ROOT_STEPS: usize = 300;
 const NODE_STEPS: usize = 12;
 /// Nodes between two looks at the time.
 const NODES_A_LOOK: u64 = 64;
-/// Nodes after which a search without a time limit gives up.
-const MOST_NODES: u64 = 20_000_000;
-
 /// What is searched for.
 pub(super) struct Combination {
     pub(super) drones: usize,
     /// Only combinations better than this by `grain` are of interest.
     pub(super) above: f64,
     pub(super) grain: f64,
+    /// Nodes after which the search gives up.
+    pub(super) nodes: u64,
     pub(super) until: Option<Instant>,
 }
 
@@ -95,7 +94,7 @@ impl Search<'_> {
         self.nodes += 1;
         if self.nodes.is_multiple_of(NODES_A_LOOK) {
             let late = self.asked.until.is_some_and(|until| Instant::now() >= until);
-            self.stopped |= late || self.nodes >= MOST_NODES;
+            self.stopped |= late || self.nodes >= self.asked.nodes;
         }
         self.stopped
     }

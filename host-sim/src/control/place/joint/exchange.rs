@@ -2,31 +2,36 @@
 
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use super::super::PlaceUser;
 use super::{Column, Joint, deepest};
 
 /// Each exchange gains at least one user; these are for weights that are no whole numbers.
-const MOST_ROUNDS: usize = 20;
+const MOST_ROUNDS: usize = 40;
 
-/// Improves the best placement of `joint`.
+/// Improves the best placement of `joint` by the exchange that gains most, again and again.
 pub(super) fn improve(joint: &mut Joint<'_>) {
     for _ in 0..MOST_ROUNDS {
         let before = joint.value;
-        for drone in 0..joint.best.len() {
-            if joint.late() {
-                return;
-            }
-            let mut columns = joint.best.clone();
-            columns.remove(drone);
-            if let Some(column) = best_beside(joint.users, &columns, joint.until) {
-                columns.insert(drone, column);
-            }
-            joint.take(columns);
-        }
-        if joint.value <= before {
+        let exchanged: Vec<Vec<Column>> =
+            (0..joint.best.len()).into_par_iter().map(|drone| exchanged(joint, drone)).collect();
+        // Only a better one is taken: of equals, the first.
+        exchanged.into_iter().for_each(|columns| joint.take(columns));
+        if joint.value <= before || joint.late() {
             return;
         }
     }
+}
+
+/// The best placement with one drone where it adds the most to the others.
+fn exchanged(joint: &Joint<'_>, drone: usize) -> Vec<Column> {
+    let mut columns = joint.best.clone();
+    columns.remove(drone);
+    if let Some(column) = best_beside(joint.users, &columns, joint.until) {
+        columns.insert(drone, column);
+    }
+    columns
 }
 
 /// The disk that adds the most to `columns`.

@@ -22,7 +22,7 @@ use super::prices::worth;
 pub(super) struct Master<'a> {
     users: &'a [PlaceUser],
     drones: usize,
-    columns: Vec<Vec<u32>>,
+    columns: Vec<Column>,
     known: BTreeSet<Vec<u32>>,
 }
 
@@ -34,6 +34,8 @@ pub(super) struct Solved {
     pub(super) value: f64,
     /// Price of a drone.
     drone: f64,
+    /// The disks that have most of a drone, one for each drone: the optimum where the relaxation has whole drones.
+    pub(super) rounded: Vec<Column>,
 }
 
 impl<'a> Master<'a> {
@@ -44,8 +46,13 @@ impl<'a> Master<'a> {
     /// Adds a disk unless it is known.
     pub(super) fn know(&mut self, column: &Column) {
         if self.known.insert(column.users.clone()) {
-            self.columns.push(column.users.clone());
+            self.columns.push(column.clone());
         }
+    }
+
+    /// All disks that it knows.
+    pub(super) fn into_columns(self) -> Vec<Column> {
+        self.columns
     }
 
     /// Whether the prices of `solved` have nothing to learn from a disk.
@@ -58,7 +65,7 @@ impl<'a> Master<'a> {
     pub(super) fn solve(&self) -> Option<Solved> {
         let mut covered_by: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for (j, column) in (0..).zip(&self.columns) {
-            for &user in column {
+            for &user in &column.users {
                 covered_by.entry(user).or_default().push(j);
             }
         }
@@ -108,6 +115,10 @@ impl<'a> Master<'a> {
             let share = (price / weight).clamp(0.0, 1.0);
             users.iter().for_each(|&user| of_users[user as usize] *= share);
         }
-        Some(Solved { of_users, value: -solution.obj_val, drone: solution.z[k] })
+        let share = |&j: &usize| solution.x[k + j];
+        let mut by_share: Vec<usize> = (0..n).collect();
+        by_share.sort_by(|a, b| share(b).total_cmp(&share(a)));
+        let rounded = by_share.iter().take(self.drones).map(|&j| self.columns[j].clone()).collect();
+        Some(Solved { of_users, value: -solution.obj_val, drone: solution.z[k], rounded })
     }
 }

@@ -27,7 +27,7 @@ mod tests;
 use std::time::Instant;
 
 use super::disk::{Counting, Deepest};
-use super::greedy::{check, guaranteed, none};
+use super::greedy::{Step as _, check, guaranteed, none};
 use super::search::{MOST_COLLECTED, SAME_VALUE};
 use super::{Fleet, KeepOut, Objective, PlaceError, PlaceUser, Placement, Site, TOLERANCE_M, centre};
 use crate::geometry::V2;
@@ -38,6 +38,9 @@ use prices::Prices;
 const ROUNDING: f64 = 1e-6;
 /// Most disks that are enumerated; more do not fit a search anyway.
 const MOST_ENUMERATED: usize = 50_000;
+/// Nodes of a search among the disks that prices have met, and of one that is to prove the optimum.
+const NODES_TO_TRY: u64 = 20_000;
+const NODES_TO_PROVE: u64 = 20_000_000;
 /// Rounds of better centres for users that two drones could serve.
 const CENTRING_ROUNDS: usize = 4;
 
@@ -63,9 +66,9 @@ struct Joint<'a> {
 
 /// Places a fleet so that it serves the greatest weight of users that any placement serves, as far as `until` allows.
 ///
-/// The answer does not depend on the order of the users beyond ties. Where two sites of the optimum are closer than
-/// the fleet's separation and cannot be moved apart, the greedy placement, which keeps it, is returned instead with the bound of
-/// the optimum.
+/// The answer does not depend on the order of the users beyond ties, nor on the number of threads. The optimum is sought
+/// without the fleet's separation, so that its bound holds with it. Where two of its sites are too close, the one with
+/// fewer users is put where it adds the most at a distance; that or the greedy placement, which keeps it anyway, is returned.
 ///
 /// # Errors
 /// [`PlaceError`] names the user and the field that is not finite, out of range or negative.
@@ -93,7 +96,7 @@ pub fn place_joint(
     joint.solve();
     let mut placement = joint.placement(fleet);
     if placement.value < greedy.value {
-        // Too close together: the greedy steps have kept the separation.
+        // Too close together, and the greedy steps have kept apart better.
         placement = Placement { upper_bound: joint.bound, ..greedy };
         placement.proved_optimal = placement.value >= placement.upper_bound - SAME_VALUE;
     }
@@ -125,7 +128,10 @@ impl Joint<'_> {
     fn solve(&mut self) {
         exchange::improve(self);
         let mut prices = Prices::new(self);
-        prices.settle(self);
+        let met = prices.settle(self);
+        if !self.is_proved() {
+            self.combine(&prices, &met, NODES_TO_TRY);
+        }
         if !self.is_proved() && !self.late() && prices.bound().is_finite() {
             self.close(&prices);
         }
@@ -134,13 +140,24 @@ impl Joint<'_> {
     /// Finds the optimum by these prices, whichever they are: the better they are, the fewer disks are left to combine.
     fn close(&mut self, prices: &Prices) {
         let Some(columns) = self.better(prices) else { return };
-        let asked =
-            Combination { drones: self.drones, above: self.value, grain: self.grain, until: self.until };
-        let outcome = exact::best_combination(self.users, &columns, prices.of_users(), asked);
+        let bound = self.combine(prices, &columns, NODES_TO_PROVE);
+        self.bound = self.bound.min(bound).max(self.value);
+    }
+
+    /// Takes the best combination of `columns` if it is better than the best known. Returns a bound on them all.
+    fn combine(&mut self, prices: &Prices, columns: &[Column], nodes: u64) -> f64 {
+        let asked = Combination {
+            drones: self.drones,
+            above: self.value,
+            grain: self.grain,
+            nodes,
+            until: self.until,
+        };
+        let outcome = exact::best_combination(self.users, columns, prices.of_users(), asked);
         if let Some(chosen) = outcome.chosen {
             self.take(chosen.into_iter().map(|column| columns[column].clone()).collect());
         }
-        self.bound = self.bound.min(outcome.bound).max(self.value);
+        outcome.bound
     }
 
     /// Whether time is up.
@@ -227,17 +244,39 @@ impl Joint<'_> {
                 .then(a.pos_m.x.total_cmp(&b.pos_m.x))
                 .then(a.pos_m.y.total_cmp(&b.pos_m.y))
         });
-        for (place, site) in placement.sites.iter_mut().zip(sites) {
+        let (mut apart, mut too_close) = (Vec::new(), 0);
+        for site in sites {
             if keep_out.allows(site.pos_m) {
                 keep_out.push(site.pos_m);
-                placement.covered += site.covered.len();
-                placement.value += site.expected;
-                *place = Some(site);
+                apart.push(site);
+            } else {
+                too_close += 1;
             }
+        }
+        if too_close > 0 {
+            self.add_apart(too_close, &mut apart, &mut keep_out);
+        }
+        for (place, site) in placement.sites.iter_mut().zip(apart) {
+            placement.covered += site.covered.len();
+            placement.value += site.expected;
+            *place = Some(site);
         }
         placement.upper_bound = self.bound;
         placement.proved_optimal = self.is_proved() && placement.value >= self.value - SAME_VALUE;
         placement
+    }
+
+    /// Adds sites one after the other where they serve the most of the users left, away from those that there are.
+    fn add_apart(&self, count: usize, sites: &mut Vec<Site>, keep_out: &mut KeepOut) {
+        let Some(step) = Counting::new(self.users) else { return };
+        let mut step = step.until(self.until);
+        sites.iter().for_each(|site| step.serve(site));
+        for _ in 0..count {
+            let Some((site, _)) = step.best(keep_out) else { return };
+            step.serve(&site);
+            keep_out.push(site.pos_m);
+            sites.push(site);
+        }
     }
 
     fn margin_m(&self, at: V2, user: u32) -> f64 {
@@ -268,5 +307,5 @@ impl Joint<'_> {
 
 /// The one-disk problem with other weights than the users' own.
 fn deepest(priced: &[PlaceUser], until: Option<Instant>) -> Option<Deepest> {
-    Counting::new(priced)?.until(until).deepest()
+    Counting::new(priced)?.until(until).deepest(0.0)
 }

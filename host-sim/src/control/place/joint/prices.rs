@@ -21,6 +21,9 @@ const LEAST_SHARE: f64 = 1e-7;
 /// Within this share of the dearest a further disk of a round is worth knowing.
 const WORTH_KNOWING: f64 = 0.2;
 
+/// A further disk of a round may be cheaper than the dearest left by this share of the dearest.
+const NEARLY_DEAREST: f64 = 0.1;
+
 /// The best prices found.
 pub(super) struct Prices {
     of_users: Vec<f64>,
@@ -72,9 +75,15 @@ impl Prices {
     }
 
     /// Generates columns until the bound is proved to be that of the relaxation, or shows `joint`'s placement to be the best.
-    pub(super) fn settle(&mut self, joint: &mut Joint<'_>) {
+    /// Returns the disks met on the way.
+    pub(super) fn settle(&mut self, joint: &mut Joint<'_>) -> Vec<Column> {
         let mut master = Master::new(joint.users, joint.drones);
         joint.best.iter().for_each(|column| master.know(column));
+        self.generate(joint, &mut master);
+        master.into_columns()
+    }
+
+    fn generate(&mut self, joint: &mut Joint<'_>, master: &mut Master<'_>) {
         let mut smoothing = 0.0;
         for _ in 0..MOST_ROUNDS {
             if joint.late() {
@@ -93,6 +102,7 @@ impl Prices {
                 joint.lower(self.bound);
             }
             joint.take(columns.clone());
+            joint.take(solved.rounded.clone());
             if joint.is_proved() || self.bound <= solved.value + ROUNDING * joint.drones as f64 {
                 return;
             }
@@ -124,7 +134,9 @@ fn dear(priced: &[PlaceUser], drones: usize, until: Option<Instant>) -> Option<(
         if nth > 0 && until.is_some_and(|until| Instant::now() >= until) {
             break;
         }
-        let Some(found) = counting.deepest() else { break };
+        // Only the first one bounds; the others need not be the dearest of all.
+        let gap = if nth == 0 { 0.0 } else { NEARLY_DEAREST * dearest };
+        let Some(found) = counting.deepest(gap) else { break };
         if nth == 0 {
             dearest = found.ceiling;
         } else if found.weight < WORTH_KNOWING * dearest {
