@@ -3,6 +3,7 @@
 mod support;
 
 use std::fs;
+use std::process::Command;
 
 use serde_json::Value;
 use support::Bench;
@@ -150,4 +151,84 @@ fn bad_input_is_refused_by_name() {
         bench.refused(&[&users[..], &["--out", "out"]].concat(), &[told]);
     }
     bench().refused(&["--users", "no.csv", "--drones", "1", "--radius-m", "1"], &["no.csv: No such file"]);
+}
+
+/// Users as a mission of the paper's scenario located them, which README's example places drones for.
+const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/located.csv");
+
+#[test]
+fn the_sample_is_placed_with_a_proof_and_drawn_as_in_the_documentation() {
+    let bench = bench();
+    let ran =
+        bench.run(&["place", "--users", SAMPLE, "--drones", "6", "--radius-m", "500", "--out", "placed"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.stderr);
+    assert!(ran.stdout.contains("optimal        no placement serves more"), "{}", ran.stdout);
+    let drawn = fs::read_to_string(bench.path("placed/place.svg")).unwrap().replace(SAMPLE, "located.csv");
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/place.svg");
+    if std::env::var_os("SKYROOST_UPDATE_DOCS").is_some() {
+        fs::write(page, &drawn).unwrap();
+    }
+    let shown = fs::read_to_string(page).unwrap();
+    assert!(shown == drawn, "docs/place.svg is out of date: SKYROOST_UPDATE_DOCS=1 cargo test --test place");
+}
+
+#[test]
+fn confidence_counts_whoever_is_likely_in_range() {
+    let bench = bench();
+    let sample = ["--users", SAMPLE, "--drones", "6"];
+    let disks = json(&bench, &sample);
+    let mut last = f64::INFINITY;
+    for confidence in ["0.5", "0.8", "0.95", "0.999"] {
+        let answer = json(&bench, &[&sample[..], &["--confidence", confidence]].concat());
+        let number = |name: &str| answer[name].as_f64().unwrap();
+        assert_eq!(answer["confidence"], confidence.parse::<f64>().unwrap());
+        // The surer the fewer.
+        assert!(number("value") <= last && number("value") <= number("upper_bound"), "{answer}");
+        last = number("value");
+        assert!(number("expected_served") >= number("value") * confidence.parse::<f64>().unwrap());
+    }
+    // Disks of 95 % radii ask for more than 95 %, for an error towards the drone does no harm.
+    let likely = json(&bench, &[&sample[..], &["--confidence", "0.95"]].concat());
+    assert!(likely["value"].as_f64() >= disks["value"].as_f64());
+    let sure = 0.95 * disks["value"].as_f64().unwrap();
+    assert!(disks["confidence"].is_null() && disks["expected_served"].as_f64().is_some_and(|x| x >= sure));
+    for wrong in ["0", "1", "-0.5", "nan", "95"] {
+        let ran = bench.run(&[&["place", "--radius-m", "500", "--confidence", wrong], &sample[..]].concat());
+        assert_eq!((ran.code, ran.stdout.as_str()), (Some(2), ""), "{wrong}");
+        assert!(ran.stderr.contains("a probability above 0 and below 1"), "{}", ran.stderr);
+    }
+}
+
+/// Users of a city, 2,000 for each square kilometre, within 1 GiB of address space.
+#[test]
+fn two_hundred_thousand_users_fit_into_a_gibibyte() {
+    let mut table = "id,x_m,y_m\n".to_owned();
+    // A lattice of irrational steps: spread as evenly as draws, and the same everywhere.
+    for user in 0..200_000_u32 {
+        let share = |step: f64| (f64::from(user) * step).fract() * 10_000.0;
+        table +=
+            &format!("u{user},{:.3},{:.3}\n", share(0.754_877_666_246_693), share(0.569_840_290_998_053));
+    }
+    let bench = bench().file("city.csv", &table);
+    let args = [
+        "place",
+        "--users",
+        "city.csv",
+        "--drones",
+        "3",
+        "--radius-m",
+        "491.4",
+        "--time-limit-s",
+        "5",
+        "--json",
+    ];
+    let limited = "ulimit -v 1048576 && exec \"$0\" \"$@\"";
+    let mut command = Command::new("sh");
+    command.args(["-c", limited, env!("CARGO_BIN_EXE_skyroost")]).args(args).current_dir(bench.path("."));
+    let ran = command.output().expect("a shell");
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let answer: Value = serde_json::from_slice(&ran.stdout).unwrap();
+    // 1,517 users on average in every disk.
+    assert!(answer["covered"].as_u64().is_some_and(|covered| covered >= 3 * 1_517), "{}", answer["covered"]);
+    assert!(answer["upper_bound"].as_f64() >= answer["value"].as_f64());
 }

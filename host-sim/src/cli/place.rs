@@ -9,10 +9,11 @@ use thiserror::Error;
 use super::answer::Delivery;
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use super::values::{lon_lat, not_negative};
-use crate::control::located::{LocatedError, LocatedUsers};
+use super::values::{lon_lat, not_negative, probability};
+use crate::control::located::{Located, LocatedError, LocatedUsers};
 use crate::control::place::{
-    Fleet, Objective, PlaceError, PlaceUser, Placement, place, place_joint, place_minlp,
+    Fleet, Objective, PlaceError, PlaceUser, Placement, Wanted, place, place_confident, place_joint,
+    place_minlp,
 };
 use crate::geometry::frame::LocalFrame;
 use crate::report::place::PlaceReport;
@@ -32,16 +33,21 @@ Examples:
       The best placement found in ten seconds and a bound on all others, for a script.
   skyroost place --users users.geojson --drones 6 --radius-m 500 --out placed
       Sites, a map (placed/place.svg) and a GeoJSON for other maps.
+  skyroost place --users found/users.csv --drones 6 --radius-m 500 --confidence 0.95
+      Users count who are in range with 95 %, by the covariances that `skyroost locate` gives.
 
 Input: CSV with the columns id,x_m,y_m and, if known, r_e_m (how far a user may be from there in
-metres; otherwise 0) and weight (what it is worth; otherwise 1), in any order; located.csv of
-`skyroost locate` is one. Or GeoJSON of points with these as properties. A drone covers a user at a
-distance of at most radius - r_e_m.
+metres; otherwise 0), weight (what it is worth; otherwise 1) and cov_xx_m2,cov_xy_m2,cov_yy_m2, in
+any order; located.csv and users.csv of `skyroost locate` are such files. Or GeoJSON of points with
+these as properties. A drone covers a user at a distance of at most radius - r_e_m; with
+--confidence, whoever is in range with that probability, positions being normal with their
+covariance or, without one, with r_e_m as the 95 % radius of a round error.
 
 Outputs: a summary, or with --json one object: drones (x_m, y_m and the ids covered, each once),
 covered (users), value (their weight), upper_bound (no placement is worth more), proved_optimal,
-never_coverable (users with r_e_m above the radius). Files appear together at the end; files of the
-same names are replaced.
+never_coverable (users with r_e_m above the radius), expected_served (users expected to be truly in
+range), margin_m (how far a drone may drift before it loses a user). Files appear together at the
+end; files of the same names are replaced.
 
 Exit status: 0 done, 2 wrong usage or bad input (the line is named, nothing is written).";
 
@@ -67,6 +73,10 @@ pub(super) struct PlaceArgs {
     /// How drones are placed
     #[arg(long, value_name = "METHOD", default_value = "joint")]
     method: Method,
+
+    /// Count users who are in range with this probability, by their covariances
+    #[arg(long, value_name = "P", allow_negative_numbers = true, value_parser = probability)]
+    confidence: Option<f64>,
 
     /// Time after which the best placement so far is the answer
     #[arg(long, value_name = "S", allow_negative_numbers = true, default_value = "60", value_parser = not_negative)]
@@ -116,30 +126,41 @@ pub(crate) enum PlaceFailure {
 }
 
 impl PlaceArgs {
-    fn place(&self, users: &[PlaceUser]) -> Result<Placement, PlaceError> {
-        let fleet = Fleet { drones: self.drones as usize, min_separation_m: 0.0 };
+    fn place(&self, users: &[PlaceUser], until: Option<Instant>) -> Result<Placement, PlaceError> {
+        let fleet = self.fleet();
         match self.method {
-            // A limit beyond what a clock can tell is none.
-            Method::Joint => {
-                let limit = Duration::try_from_secs_f64(self.time_limit_s).ok();
-                place_joint(users, fleet, limit.and_then(|limit| Instant::now().checked_add(limit)))
-            }
+            Method::Joint => place_joint(users, fleet, until),
             Method::Minlp => place_minlp(users, fleet),
             Method::Greedy => place(Objective::Guaranteed(users), fleet),
         }
     }
 
+    fn place_for(&self, users: &[Located]) -> Result<Placement, PlaceError> {
+        // A limit beyond what a clock can tell is none.
+        let limit = Duration::try_from_secs_f64(self.time_limit_s).ok();
+        let until = limit.and_then(|limit| Instant::now().checked_add(limit));
+        if let Some(confidence) = self.confidence {
+            let wanted: Vec<Wanted> =
+                users.iter().map(|user| Wanted { belief: user.belief(), weight: user.weight }).collect();
+            let solve = |disks: &[PlaceUser]| self.place(disks, until);
+            return place_confident(&wanted, self.radius_m, confidence, self.fleet(), solve);
+        }
+        let disk = |user: &Located| PlaceUser {
+            pos_m: user.pos_m,
+            radius_m: self.radius_m - user.error_radius_m,
+            weight: user.weight,
+        };
+        self.place(&users.iter().map(disk).collect::<Vec<_>>(), until)
+    }
+
+    fn fleet(&self) -> Fleet {
+        Fleet { drones: self.drones as usize, min_separation_m: 0.0 }
+    }
+
     fn report(&self) -> Result<PlaceReport, PlaceFailure> {
         let read = LocatedUsers::read(&self.users)?;
         let begun = Instant::now();
-        let users: Vec<PlaceUser> = (read.users.iter())
-            .map(|user| PlaceUser {
-                pos_m: user.pos_m,
-                radius_m: self.radius_m - user.error_radius_m,
-                weight: user.weight,
-            })
-            .collect();
-        let placement = self.place(&users)?;
+        let placement = self.place_for(&read.users)?;
         let origin = self.origin_lon_lat.map(|[lon_deg, lat_deg]| LocalFrame::new(lon_deg, lat_deg));
         Ok(PlaceReport {
             source: self.users.display().to_string(),
@@ -153,6 +174,7 @@ impl PlaceArgs {
             left_out: read.left_out,
             users: read.users,
             placement,
+            confidence: self.confidence,
             wall_s: begun.elapsed().as_secs_f64(),
         })
     }
@@ -167,7 +189,7 @@ pub(super) fn run(args: &PlaceArgs) -> Result<Exit, Failure> {
     }
     let report = args.report().map_err(Failure::Place)?;
     if report.left_out > 0 {
-        console.log(&format!("{} features are no users with a position, left out", report.left_out));
+        console.log(&format!("{} rows or features are no users with a position, left out", report.left_out));
     }
     let json = report.to_json();
     let to = Delivery { out: args.out.as_deref(), json: args.json, picture: ("Map", MAP_FILE) };

@@ -20,6 +20,11 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     number(text, |x| x >= 0.0, "a finite number, 0 or more")
 }
 
+/// A probability that is neither certain nor ruled out.
+pub(super) fn probability(text: &str) -> Result<f64, String> {
+    number(text, |x| x > 0.0 && x < 1.0, "a probability above 0 and below 1")
+}
+
 /// Two finite numbers.
 pub(super) fn pair(text: &str) -> Result<[f64; 2], String> {
     let expected = "expected two finite numbers with a comma between them";

@@ -1,14 +1,18 @@
 //! Users as points of GeoJSON (RFC 7946), as `skyroost locate` writes them: WGS84, longitude first.
 //!
-//! Properties: `id`; `r_e_m` or `r95_m`; `weight`. Points with a `status` other than `ok` claim no position and are left
+//! Properties: `id`; `r_e_m` or `r95_m`; `weight`; `cov_m2` as rows of a matrix, east first. Points with a `status` other than `ok` claim no position and are left
 //! out, and so is everything that is no point; how many is told.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use nalgebra::Matrix2;
 use serde_json::Value;
 
-use super::{Located, LocatedError, LocatedUsers, MOST_RADIUS_M, MOST_USERS, MOST_WEIGHT};
+use super::{
+    CLAIMED, Located, LocatedError, LocatedUsers, MOST_RADIUS_M, MOST_USERS, MOST_VARIANCE_M2, MOST_WEIGHT,
+};
+use crate::control::place::UserBelief;
 use crate::control::quoted::quoted;
 use crate::geometry::V2;
 use crate::geometry::frame::LocalFrame;
@@ -43,7 +47,7 @@ fn read(content: &[u8]) -> Result<LocatedUsers, Refused> {
             continue;
         };
         let status = feature.pointer("/properties/status").and_then(Value::as_str);
-        if status.is_some_and(|status| status != "ok") {
+        if status.is_some_and(|status| status != CLAIMED) {
             left_out += 1;
             continue;
         }
@@ -57,7 +61,8 @@ fn read(content: &[u8]) -> Result<LocatedUsers, Refused> {
         }
         let error_radius_m = number_of(feature, &["r_e_m", "r95_m"], &at, MOST_RADIUS_M)?.unwrap_or(0.0);
         let weight = number_of(feature, &["weight"], &at, MOST_WEIGHT)?.unwrap_or(1.0);
-        points.push((Located { id, pos_m: V2::zeros(), error_radius_m, weight }, lon_lat));
+        let cov_m2 = covariance(feature, &at)?;
+        points.push((Located { id, pos_m: V2::zeros(), error_radius_m, weight, cov_m2 }, lon_lat));
     }
     let frame = middle(&points).map(|[lon, lat]| LocalFrame::new(lon, lat));
     let place = |(user, [lon, lat]): (Located, [f64; 2])| match &frame {
@@ -103,6 +108,26 @@ fn number_of(feature: &Value, names: &[&str], at: &str, most: f64) -> Result<Opt
     match value.as_f64().filter(|number| (0.0..=most).contains(number)) {
         Some(number) => Ok(Some(number)),
         None => Err((format!("{at}, {name}"), value.to_string(), "a number, 0 or more")),
+    }
+}
+
+/// The covariance, where the feature has one.
+fn covariance(feature: &Value, at: &str) -> Result<Option<Matrix2<f64>>, Refused> {
+    let there = feature.pointer("/properties/cov_m2").filter(|it| !it.is_null());
+    let Some(value) = there else { return Ok(None) };
+    let number = |pointer: &str| value.pointer(pointer).and_then(Value::as_f64);
+    let entries = [number("/0/0"), number("/0/1"), number("/1/0"), number("/1/1")];
+    let matrix = match entries {
+        [Some(xx), Some(xy), Some(yx), Some(yy)] => Some(Matrix2::new(xx, xy, yx, yy)),
+        _ => None,
+    };
+    let sound = |matrix: &Matrix2<f64>| {
+        UserBelief { pos_m: V2::zeros(), cov_m2: *matrix }.has_covariance()
+            && matrix.max() <= MOST_VARIANCE_M2
+    };
+    match matrix.filter(sound) {
+        Some(matrix) => Ok(Some(matrix)),
+        None => Err((format!("{at}, cov_m2"), value.to_string(), "a covariance [[xx, xy], [xy, yy]] in m2")),
     }
 }
 

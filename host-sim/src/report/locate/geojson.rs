@@ -24,7 +24,7 @@ pub(super) fn render(report: &LocateReport, frame: &LocalFrame) -> String {
         let properties = json!({
             "kind": "user", "id": user.id, "status": status_name(user.status),
             "x_m": user.position.map(|it| it.pos_m[0]), "y_m": user.position.map(|it| it.pos_m[1]),
-            "r95_m": user.position.map(|it| it.r95_m), "occasions": user.occasions, "captures": user.captures,
+            "r95_m": user.position.map(|it| it.r95_m), "cov_m2": user.position.map(|it| it.cov_m2), "occasions": user.occasions, "captures": user.captures,
             "rejected": user.rejected,
         });
         features.push(feature(point, properties));

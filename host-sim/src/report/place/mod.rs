@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::control::located::Located;
-use crate::control::place::{Placement, Site};
+use crate::control::place::{Placement, Site, served_by_any};
 use crate::geometry::V2;
 use crate::geometry::frame::LocalFrame;
 use crate::report::earth::{Earth, collection, feature};
@@ -34,6 +34,8 @@ pub struct PlaceReport {
     pub left_out: usize,
     /// Where the drones hover, and for whom.
     pub placement: Placement,
+    /// Users count as covered when they are in range with this probability; none: when their error disk is.
+    pub confidence: Option<f64>,
     /// How long placing took.
     pub wall_s: f64,
 }
@@ -58,6 +60,9 @@ struct Answer<'a> {
     proved_optimal: bool,
     never_coverable: usize,
     users: usize,
+    confidence: Option<f64>,
+    /// Users expected to be truly within the radius of a drone.
+    expected_served: f64,
     margin_m: Option<f64>,
     wall_s: f64,
 }
@@ -95,6 +100,8 @@ impl PlaceReport {
             proved_optimal: *proved_optimal,
             never_coverable: *never_coverable,
             users: self.users.len(),
+            confidence: self.confidence,
+            expected_served: self.expected_served(),
             margin_m: self.margin_m(),
             wall_s: self.wall_s,
         };
@@ -113,6 +120,12 @@ impl PlaceReport {
     fn middle_m(&self) -> V2 {
         let sum: V2 = self.users.iter().map(|user| user.pos_m).sum();
         sum / self.users.len().max(1) as f64
+    }
+
+    /// Users expected to be truly within the radius of a drone, given how well each is known.
+    fn expected_served(&self) -> f64 {
+        let sites_m: Vec<V2> = self.placement.sites.iter().flatten().map(|site| site.pos_m).collect();
+        self.users.iter().map(|user| served_by_any(&user.belief(), &sites_m, self.radius_m)).sum()
     }
 
     /// The least margin of all drones that cover somebody.
@@ -208,6 +221,12 @@ impl fmt::Display for PlaceReport {
                 "  not proved     no placement serves more than {upper_bound} ({unit}); {:.2} s",
                 self.wall_s
             )?;
+        }
+        if let Some(confidence) = self.confidence {
+            writeln!(f, "  confidence     {} % that each of them is in range", 100.0 * confidence)?;
+        }
+        if self.users.iter().any(|user| user.error_radius_m > 0.0 || user.cov_m2.is_some()) {
+            writeln!(f, "  expected       {:.1} users truly in range", self.expected_served())?;
         }
         if *never_coverable > 0 {
             writeln!(f, "  out of reach   {never_coverable} users that may be farther off than the radius")?;
