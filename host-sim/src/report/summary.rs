@@ -110,7 +110,7 @@ pub struct LocalizationSummary {
 /// The placement as planned and as it truly serves.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlacementSummary {
-    /// How it was planned: `joint` or `greedy`.
+    /// How it was planned: `joint`, all drones together.
     pub method: String,
     /// Where each drone serves.
     pub drones: Vec<PlacedDrone>,
@@ -122,9 +122,9 @@ pub struct PlacementSummary {
     pub upper_bound: u32,
     /// Whether `served_guaranteed` was proved to be the most that is possible.
     pub proved_optimal: bool,
-    /// Users that the greedy placement would serve if it knew every true position.
-    pub greedy_on_truth: Option<u32>,
-    /// `served_actual / greedy_on_truth`: the price of not knowing.
+    /// No placement that knew every true position would serve more users.
+    pub optimum_on_truth: Option<u32>,
+    /// `served_actual / optimum_on_truth`: the price of not knowing.
     pub served_ratio: Option<f64>,
 }
 

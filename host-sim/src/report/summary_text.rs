@@ -78,8 +78,8 @@ fn placement(f: &mut fmt::Formatter<'_>, placement: &PlacementSummary) -> fmt::R
     row(f, "actual", format!("{} users (true position covered)", placement.served_actual))?;
     let proof = if placement.proved_optimal { "proved optimal" } else { "optimum not proved" };
     row(f, "upper bound", format!("{} users, {proof}", placement.upper_bound))?;
-    if let (Some(greedy), Some(ratio)) = (placement.greedy_on_truth, placement.served_ratio) {
-        row(f, "knowing all", format!("{greedy} users greedily; reached {}", percent(ratio)))?;
+    if let (Some(most), Some(ratio)) = (placement.optimum_on_truth, placement.served_ratio) {
+        row(f, "knowing all", format!("{most} users at most; reached {}", percent(ratio)))?;
     }
     for drone in &placement.drones {
         row(
@@ -231,7 +231,7 @@ mod tests {
         placement.drones = vec![PlacedDrone { id: 1, x_m: 1234.56, y_m: 9876.5 }];
         (placement.served_guaranteed, placement.served_actual, placement.upper_bound) = (61, 63, 61);
         placement.proved_optimal = true;
-        (placement.greedy_on_truth, placement.served_ratio) = (Some(64), Some(63.0 / 64.0));
+        (placement.optimum_on_truth, placement.served_ratio) = (Some(64), Some(63.0 / 64.0));
         summary.safety.min_separation_m = Some(21.5);
         summary.safety.formation_error_rms_m = 0.4;
         summary.safety.formation_error_max_m = 5.2;

@@ -4,7 +4,7 @@ use super::{Flight, MissionArea, MissionInput, Outcome, RunError, setup::Setup, 
 use crate::{
     control::{
         localize::{FixStatus, LocalizeConfig, Occasion, UserFix, crlb, crlb_ratio},
-        place::{Fleet, Objective, PlaceUser, Placement, place},
+        place::{Fleet, Objective, PlaceUser, Placement, place, place_joint},
         sweep::SplitMode,
     },
     fleet::BoardReport,
@@ -28,6 +28,9 @@ use skyroost_protocol::{
     units::{OccasionId, UserId},
 };
 use std::collections::BTreeMap;
+
+/// The joint optimum of more users takes its time; the greedy bound is close for so many.
+const MOST_JUDGED_TOGETHER: usize = 20_000;
 
 /// A capture that was flagged late in truth is left out of the bound.
 type Late = Vec<[bool; 3]>;
@@ -330,13 +333,18 @@ impl<'a> Users<'a> {
         let fleet =
             Fleet { drones: setup.plan.drones.len(), min_separation_m: setup.plan.min_goal_distance_m };
         let solved = |users: Vec<PlaceUser>| -> Result<Placement, RunError> {
-            place(Objective::Guaranteed(&users), fleet)
-                .map_err(|error| RunError::Link(format!("the placement cannot be judged: {error}")))
+            let found = if users.len() > MOST_JUDGED_TOGETHER {
+                place(Objective::Guaranteed(&users), fleet)
+            } else {
+                place_joint(&users, fleet, None)
+            };
+            found.map_err(|error| RunError::Link(format!("the placement cannot be judged: {error}")))
         };
         let user = |pos: [f64; 2], radius_m: f64| PlaceUser { pos_m: V2::from(pos), radius_m, weight: 1.0 };
         let guaranteed =
             solved(self.located().map(|(fix, _)| user(fix.pos_m, radius_m - fix.r95_m)).collect())?;
-        let on_truth = solved(self.truth.values().map(|pos| user(*pos, radius_m)).collect())?.covered as u32;
+        let on_truth = solved(self.truth.values().map(|pos| user(*pos, radius_m)).collect())?;
+        let on_truth = on_truth.upper_bound.floor() as u32;
         let served = |by: &dyn Fn(UserId) -> Option<u16>| {
             self.truth.keys().filter(|u| by(**u).is_some()).count() as u32
         };
@@ -345,7 +353,7 @@ impl<'a> Users<'a> {
         let upper_bound = guaranteed.upper_bound.floor() as u32;
         let planned = flight.control.placement().is_some();
         Ok(PlacementSummary {
-            method: "greedy".to_owned(),
+            method: "joint".to_owned(),
             drones: sites
                 .iter()
                 .map(|s| PlacedDrone { id: s.record.drone, x_m: s.pos_m.x, y_m: s.pos_m.y })
@@ -354,7 +362,7 @@ impl<'a> Users<'a> {
             served_actual,
             upper_bound,
             proved_optimal: planned && served_guaranteed == upper_bound,
-            greedy_on_truth: planned.then_some(on_truth),
+            optimum_on_truth: planned.then_some(on_truth),
             served_ratio: (planned && on_truth > 0).then(|| f64::from(served_actual) / f64::from(on_truth)),
         })
     }

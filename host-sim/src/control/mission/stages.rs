@@ -10,7 +10,7 @@ use crate::{
     control::{
         assign::assign,
         localize::{FixStatus, localize},
-        place::{Fleet, Objective, UserBelief, place},
+        place::{Fleet, UserBelief, place_expected},
     },
     geometry::V2,
 };
@@ -162,8 +162,7 @@ impl ControlCenter {
         self.localization = localize(&self.occasions, &self.plan.localize)?;
         let beliefs: Vec<UserBelief> = self.beliefs().map(|(_, belief)| belief).collect();
         let fleet = Fleet { drones: self.drones.len(), min_separation_m: self.plan.min_goal_distance_m };
-        let objective = Objective::Expected { users: &beliefs, radius_m: self.plan.radius_m };
-        let placement = place(objective, fleet)?;
+        let placement = place_expected(&beliefs, self.plan.radius_m, fleet)?;
         self.targets = self.assign_targets(&placement);
         for target in &self.targets {
             if target.station.is_none() && self.plan.drones[target.drone].fleet.is_some() {
