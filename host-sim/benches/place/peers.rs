@@ -16,7 +16,7 @@ const SIDE_M: f64 = 10_000.0;
 const RADIUS_M: f64 = 470.0;
 
 /// How users lie.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     /// Anywhere.
     Poisson,
@@ -75,6 +75,8 @@ pub(crate) fn compare() {
         "\n{:<8} {:>5} {:>3} {:>4}  {:>6} {:>6} {:>9}  {:>7}  {:>19}  {:>19}",
         "users", "n", "m", "seed", "value", "proved", "ours, s", "disks", "HiGHS, CPU s", "CP-SAT, CPU s"
     );
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    let mut runs = Vec::new();
     for (kind, users, drones) in [
         (Kind::Poisson, 200, 3),
         (Kind::Poisson, 500, 6),
@@ -92,12 +94,45 @@ pub(crate) fn compare() {
         (Kind::Packing, 500, 12),
     ] {
         for seed in 1..=2 {
-            row(kind, users, drones, seed, python);
+            runs.push((kind, one_thread.install(|| row(kind, users, drones, seed, python))));
         }
+    }
+    for kind in [Kind::Poisson, Kind::Thomas, Kind::Packing] {
+        let of_kind: Vec<&Run> = runs.iter().filter(|(k, _)| *k == kind).map(|(_, run)| run).collect();
+        summary(kind, &of_kind);
     }
 }
 
-fn row(kind: Kind, count: usize, drones: usize, seed: u64, python: Option<&str>) {
+/// CPU seconds of an instance: ours, and of the peers that proved the optimum.
+struct Run {
+    ours_s: f64,
+    highs_s: Option<f64>,
+    cp_sat_s: Option<f64>,
+}
+
+fn summary(kind: Kind, runs: &[&Run]) {
+    for (name, peer_s) in
+        [("HiGHS", (|run| run.highs_s) as fn(&Run) -> Option<f64>), ("CP-SAT", |run| run.cp_sat_s)]
+    {
+        let both: Vec<(f64, f64)> = runs.iter().filter_map(|run| Some((run.ours_s, peer_s(run)?))).collect();
+        let (ours_s, theirs_s) = both.iter().fold((0.0, 0.0), |sum, run| (sum.0 + run.0, sum.1 + run.1));
+        println!(
+            "{kind:?}, {} instances that {name} proves: {ours_s:.3} s, {name} {theirs_s:.3} s, {:.1} times",
+            both.len(),
+            theirs_s / ours_s
+        );
+    }
+    let better = |run: &&&Run| {
+        let peers_s = run.highs_s.into_iter().chain(run.cp_sat_s).reduce(f64::min)?;
+        Some(peers_s / run.ours_s)
+    };
+    let ratios: Vec<f64> = runs.iter().filter_map(|run| better(&run)).collect();
+    let mean = (ratios.iter().map(|ratio| ratio.ln()).sum::<f64>() / ratios.len() as f64).exp();
+    let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+    println!("{kind:?}, the better of both: {mean:.1} times by geometric mean, {least:.1} at least");
+}
+
+fn row(kind: Kind, count: usize, drones: usize, seed: u64, python: Option<&str>) -> Run {
     let users = draw(kind, count, seed);
     let fleet = Fleet { drones, min_separation_m: 0.0 };
     let begin = Instant::now();
@@ -126,6 +161,11 @@ fn row(kind: Kind, count: usize, drones: usize, seed: u64, python: Option<&str>)
         solver("highs"),
         solver("cp_sat"),
     );
+    let proved_s = |name: &str| {
+        let solver = told.as_ref()?.get(name)?;
+        if solver["proved"] == true { solver["cpu_s"].as_f64() } else { None }
+    };
+    Run { ours_s, highs_s: proved_s("highs"), cp_sat_s: proved_s("cp_sat") }
 }
 
 fn peer(python: &str, drones: usize, disks: &[Vec<u32>]) -> Option<Value> {
