@@ -3,9 +3,9 @@
 use super::check::{self, on_ground};
 use super::clock::{Clocks, Grid, Resolution, first_lines};
 use super::excess;
-use super::model::{ClockFix, FixStatus, LocalizeConfig, Robust, UserFix};
+use super::model::{ClockFix, FixStatus, LocalizeConfig, MAX_CAPTURES, Robust, UserFix};
 use super::normal::{Eliminated, Fit, Normal, PositionPrior};
-use super::problem::{Problem, UserSpan};
+use super::problem::{Heard, Problem, UserSpan};
 use super::r95::r95;
 use super::robust::Loss;
 use super::small::{Mat, horizontal};
@@ -45,6 +45,18 @@ pub(super) struct State<const D: usize> {
     pub(super) clocks: Clocks,
     /// East, north and, where it is unknown, up from the altitude assumed.
     pub(super) pos_m: Vec<[f64; D]>,
+}
+
+impl<const D: usize> State<D> {
+    /// Offsets of the clocks of the captures of one occasion.
+    #[inline]
+    pub(super) fn clock_ns(&self, heard: &Heard) -> [f64; MAX_CAPTURES] {
+        if self.grid.clocks() == 0 {
+            return [0.0; MAX_CAPTURES];
+        }
+        let (interval, fraction) = self.grid.locate(heard.time_s);
+        self.clocks.of_captures(heard, interval, fraction)
+    }
 }
 
 /// A group solved.
