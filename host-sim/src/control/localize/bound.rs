@@ -40,7 +40,7 @@ pub fn crlb(
     }
     let finite = |user: &UserId| truth.get(user).is_some_and(|p| p.iter().all(|x| x.is_finite()));
     let keep = |i: usize, k: usize| !late[i][k] && finite(&occasions[i].user);
-    let (problems, _) = split(occasions, cfg, &keep);
+    let (problems, _) = split(occasions, cfg, keep);
     let bounds: Vec<_> = problems.par_iter().map(|problem| bound_group(problem, truth, cfg)).collect();
     let mut joint: BTreeMap<UserId, [[f64; 2]; 2]> = BTreeMap::new();
     for (user, cov) in bounds.into_iter().flatten() {

@@ -114,10 +114,8 @@ pub(super) fn restart_bad_fits<const D: usize>(
             continue;
         }
         let one = OneUser::new(problem, cfg, state, u);
-        let here = state.pos_m[u];
-        let cost = one.cost(here);
+        let cost = one.cost(state.pos_m[u]);
         let best = (starts(one.user, cfg).into_iter().map(|start| one.descend(start, 1, ENOUGH_GAIN)))
-            .map(|p| (p, one.cost(p)))
             .min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((pos_m, best_cost)) = best
             && best_cost < cost - 1.0
@@ -191,10 +189,9 @@ impl<'a, const D: usize> OneUser<'a, D> {
     /// Normal equations at `p`, from every `stride`-th occasion.
     fn linearise(&self, p: [f64; D], loss: &Loss, stride: usize) -> UserBlock<D> {
         let mut block = UserBlock::new(self.user, p, position_prior(self.cfg));
-        for heard in self.problem.heard[self.user.span.clone()].iter().step_by(stride) {
-            let (interval, fraction) = self.state.grid.locate(heard.time_s);
-            let clock_ns = self.state.clocks.of_captures(heard, interval, fraction);
-            block.add(heard, &linearise(heard, p, clock_ns, loss));
+        for i in self.user.span.clone().step_by(stride) {
+            let heard = &self.problem.heard[i];
+            block.add(heard, &linearise(heard, p, self.state.clock_ns(heard), loss));
         }
         block
     }
@@ -208,9 +205,11 @@ impl<'a, const D: usize> OneUser<'a, D> {
         self.linearise(p, &Loss::new(self.cfg.robust, 1.0), stride).fit.cost
     }
 
-    /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion, until a step gains less than `enough`.
-    fn descend(&self, start: [f64; D], stride: usize, enough: f64) -> [f64; D] {
+    /// Graduated Levenberg-Marquardt from `start` on every `stride`-th occasion, until a step gains less than `enough`:
+    /// the point reached, and its cost.
+    fn descend(&self, start: [f64; D], stride: usize, enough: f64) -> ([f64; D], f64) {
         let mut p = start;
+        let mut cost = f64::INFINITY;
         for (scale, steps) in self.cfg.robust.stages(&[(16.0, 2), (4.0, 2), (1.0, 10)]) {
             let loss = Loss::new(self.cfg.robust, *scale);
             let mut here = self.linearise(p, &loss, stride);
@@ -231,8 +230,9 @@ impl<'a, const D: usize> OneUser<'a, D> {
                     break;
                 }
             }
+            cost = here.fit.cost;
         }
-        p
+        (p, cost)
     }
 
     /// Whether the point mirrored at the drones' track leads to another minimum that is about as good.
@@ -248,13 +248,13 @@ impl<'a, const D: usize> OneUser<'a, D> {
             return false;
         }
         let stride = (self.user.span.len() / GLANCE).max(1);
-        let glance = self.descend(mirrored, stride, GLANCE_GAIN);
+        let (glance, cost) = self.descend(mirrored, stride, GLANCE_GAIN);
         // Worse already by what some of the occasions say, and the others will say the same.
-        if !far(glance) || self.cost_of(glance, stride) > self.cost_of(p, stride) + COMPARABLE_COST {
+        if !far(glance) || cost > self.cost_of(p, stride) + COMPARABLE_COST {
             return false;
         }
-        let rival = self.descend(mirrored, 1, ENOUGH_GAIN);
-        far(rival) && self.cost(rival) < self.cost(p) + COMPARABLE_COST
+        let (rival, cost) = self.descend(glance, 1, ENOUGH_GAIN);
+        far(rival) && cost < self.cost(p) + COMPARABLE_COST
     }
 
     /// Whether the cost rises at both ends of the ellipse as its covariance claims.

@@ -66,8 +66,7 @@ fn bias_gains<const D: usize>(
     let loss = Loss::accepting(cfg.robust);
     let mut gains = vec![[[0.0; D]; 3]; state.grid.drones];
     for h in heard {
-        let (interval, fraction) = state.grid.locate(h.time_s);
-        let row = linearise(h, p, state.clocks.of_captures(h, interval, fraction), &loss);
+        let row = linearise(h, p, state.clock_ns(h), &loss);
         if row.total <= 0.0 {
             continue;
         }

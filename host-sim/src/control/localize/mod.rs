@@ -55,7 +55,7 @@ pub use running::{Running, RunningFix};
 /// A field of `cfg` out of its range. Unusable occasions are no error: they are dropped and counted in `warnings`.
 pub fn localize(occasions: &[Occasion], cfg: &LocalizeConfig) -> Result<Localization, LocalizeError> {
     cfg.check()?;
-    let (problems, dropped) = problem::split(occasions, cfg, &|_, _| true);
+    let (problems, dropped) = problem::split(occasions, cfg, |_, _| true);
     let answers: Vec<_> = problems.par_iter().map(|problem| solve::solve_group(problem, cfg)).collect();
     let mut localization = Localization { warnings: dropped.warnings().collect(), ..Localization::default() };
     let mut users: BTreeMap<UserId, UserFix> = BTreeMap::new();

@@ -117,7 +117,7 @@ pub(super) struct Normal<const D: usize> {
     touched_by: Vec<Range<usize>>,
     /// `E`: per touched knot a row of each coordinate, one entry per clock each.
     coupling: Vec<f64>,
-    /// `H` without priors: per interval the blocks (k, k), (k+1, k), (k+1, k+1).
+    /// `H` without priors: per interval the lower triangles of the blocks (k, k), (k+1, k), (k+1, k+1), all symmetric.
     clock_info: Vec<f64>,
     clock_gradient: Vec<f64>,
     /// Cost of the captures and of all priors.
@@ -159,15 +159,21 @@ impl<const D: usize> Normal<D> {
             let first_touched = self.touched.len();
             let mut block = UserBlock::new(user, p, prior);
             let mut last_interval = usize::MAX;
-            for heard in problem.heard[user.span.clone()].iter().step_by(thin(user)) {
+            for i in user.span.clone().step_by(thin(user)) {
+                let heard = &problem.heard[i];
+                if m == 0 {
+                    // Clocks are known, and agree.
+                    block.add(heard, &linearise(heard, p, [0.0; MAX_CAPTURES], loss));
+                    continue;
+                }
                 let (interval, fraction) = state.grid.locate(heard.time_s);
-                if m > 0 && interval != last_interval {
+                if interval != last_interval {
                     self.touch(interval, first_touched, m);
                     last_interval = interval;
                 }
                 let row = linearise(heard, p, state.clocks.of_captures(heard, interval, fraction), loss);
                 let slope = block.add(heard, &row);
-                if m > 0 && row.total > 0.0 {
+                if row.total > 0.0 {
                     self.add_clocks(heard, &row, &slope, interval, fraction, m);
                 }
             }
@@ -193,34 +199,34 @@ impl<const D: usize> Normal<D> {
     ) {
         let share = [1.0 - fraction, fraction];
         let coupling_start = self.coupling.len() - 2 * D * m;
-        let coupling = &mut self.coupling[coupling_start..];
-        let gradient = &mut self.clock_gradient[interval * m..(interval + 2) * m];
+        let (before, after) = self.coupling[coupling_start..].split_at_mut(D * m);
+        let coupling = [before, after];
+        let (before, after) = self.clock_gradient[interval * m..(interval + 2) * m].split_at_mut(m);
+        let gradient = [before, after];
         let info = &mut self.clock_info[interval * 3 * m * m..(interval + 1) * 3 * m * m];
+        let (before, rest) = info.split_at_mut(m * m);
+        let (across, after) = rest.split_at_mut(m * m);
         for (i, u) in slope.iter().enumerate() {
-            let slot = usize::from(heard.slot[i]);
-            if slot == 0 {
-                continue; // the reference clock, or no capture
-            }
+            // None for the reference clock, and where there is no capture.
+            let Some(clock) = usize::from(heard.slot[i]).checked_sub(1) else { continue };
             let w = row.weight[i];
             for side in 0..2 {
                 let shared = share[side] * w;
                 for (axis, u) in u.iter().enumerate() {
-                    coupling[(D * side + axis) * m + slot - 1] += shared * u;
+                    coupling[side][axis * m + clock] += shared * u;
                 }
-                gradient[m * side + slot - 1] += shared * row.deviation_ns[i];
+                gradient[side][clock] += shared * row.deviation_ns[i];
             }
-            for j in 0..MAX_CAPTURES {
-                let other = usize::from(heard.slot[j]);
-                if other == 0 {
-                    continue;
-                }
+            // Of a symmetric matrix the lower triangle: slots ascend with the captures.
+            for j in 0..=i {
+                let Some(other) = usize::from(heard.slot[j]).checked_sub(1) else { continue };
                 // W - W 1 1' W / (1' W 1), see `linearise`.
                 let own = if i == j { w } else { 0.0 };
                 let value = own - w * row.weight[j] * row.inverse_total;
-                let at = (slot - 1) * m + other - 1;
-                info[at] += value * share[0] * share[0];
-                info[at + m * m] += value * share[0] * share[1];
-                info[at + 2 * m * m] += value * share[1] * share[1];
+                let at = clock * m + other;
+                before[at] += value * share[0] * share[0];
+                across[at] += value * share[0] * share[1];
+                after[at] += value * share[1] * share[1];
             }
         }
     }
@@ -267,13 +273,14 @@ impl<const D: usize> Normal<D> {
         // Nothing where no clock is unknown.
         for (k, blocks) in self.clock_info.chunks_exact((3 * m * m).max(1)).enumerate() {
             for i in 0..m {
-                for j in 0..m {
+                for j in 0..=i {
                     let at = i * m + j;
-                    if j <= i {
-                        s.add(k * m + i, k * m + j, blocks[at]);
-                        s.add((k + 1) * m + i, (k + 1) * m + j, blocks[at + 2 * m * m]);
-                    }
+                    s.add(k * m + i, k * m + j, blocks[at]);
+                    s.add((k + 1) * m + i, (k + 1) * m + j, blocks[at + 2 * m * m]);
                     s.add((k + 1) * m + i, k * m + j, blocks[at + m * m]);
+                    if j < i {
+                        s.add((k + 1) * m + j, k * m + i, blocks[at + m * m]);
+                    }
                 }
             }
         }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use skyroost_protocol::units::{DroneId, UserId};
 
-use super::model::{LocalizeConfig, MAX_CAPTURES, Occasion};
+use super::model::{C_M_PER_NS, LocalizeConfig, MAX_CAPTURES, Occasion};
 
 /// Numbers beyond these are mistakes, and would drown everything else in rounding errors: 31,000 years,
 /// 100,000 km, 11 days, a millisecond, a femtosecond.
@@ -101,40 +101,44 @@ impl Dropped {
 pub(super) fn split(
     occasions: &[Occasion],
     cfg: &LocalizeConfig,
-    keep: &dyn Fn(usize, usize) -> bool,
+    keep: impl Fn(usize, usize) -> bool,
 ) -> (Vec<Problem>, Dropped) {
     let mut dropped = Dropped::default();
     let mut fleets = Fleets::default();
-    // Group and user, then time, then the index: packed, so that sorting stays within the keys.
     let mut order: Vec<Key> = Vec::with_capacity(occasions.len());
     for (i, occasion) in occasions.iter().enumerate() {
         if occasion.time_s.abs() <= MOST_TIME_S {
             let user = u64::from(occasion.clock_group) << 32 | u64::from(occasion.user.0);
-            order.push((user, ordered(occasion.time_s), i as u32));
+            order.push((user, i as u32));
             fleets.add(occasion);
         } else {
             dropped.bad_time += 1;
         }
     }
-    order.sort_unstable();
-    for same in order.chunk_by_mut(|a, b| (a.0, a.1) == (b.0, b.1)).filter(|same| same.len() > 1) {
-        // So that input order never matters.
-        same.sort_by_cached_key(|&(.., i)| canonical(&occasions[i as usize]));
-    }
+    // Stable: what comes in order of time stays in it.
+    order.sort_by_key(|&(user, _)| user);
     let problems = order
-        .chunk_by(|a, b| a.0 >> 32 == b.0 >> 32)
-        .map(|group| build(occasions, group, fleets.take((group[0].0 >> 32) as u16), cfg, keep, &mut dropped))
+        .chunk_by_mut(|a, b| a.0 >> 32 == b.0 >> 32)
+        .map(|group| {
+            let drones = fleets.take((group[0].0 >> 32) as u16);
+            build(occasions, group, drones, cfg, &keep, &mut dropped)
+        })
         .collect();
     (problems, dropped)
 }
 
-/// Group and user, [`ordered`] time, index of an occasion.
-type Key = (u64, u64, u32);
+/// Group and user, index of an occasion.
+type Key = (u64, u32);
 
-/// Bits that sort as the numbers do (IEEE 754 totalOrder).
-fn ordered(x: f64) -> u64 {
-    let bits = x.to_bits();
-    bits ^ if x.is_sign_negative() { u64::MAX } else { 1 << 63 }
+/// Sorts the occasions of one user by time, and equal times by what was captured, so that input order never matters.
+fn sort_by_time(occasions: &[Occasion], of_user: &mut [Key]) {
+    let at = |key: &Key| &occasions[key.1 as usize];
+    if !of_user.is_sorted_by(|a, b| at(a).time_s < at(b).time_s) {
+        of_user.sort_unstable_by(|a, b| {
+            let (a, b) = (at(a), at(b));
+            a.time_s.total_cmp(&b.time_s).then_with(|| canonical(a).cmp(&canonical(b)))
+        });
+    }
 }
 
 /// Drones of every clock group, sorted.
@@ -156,8 +160,8 @@ impl Fleets {
             }
         }
         let drones = &mut self.drones[self.last].1;
-        for capture in &occasion.captures {
-            if let Err(at) = drones.binary_search(&capture.drone) {
+        for (i, capture) in occasion.captures.iter().enumerate() {
+            if let Err(at) = find(drones, i, capture.drone) {
                 drones.insert(at, capture.drone);
             }
         }
@@ -170,6 +174,13 @@ impl Fleets {
         drones.truncate(256);
         drones
     }
+}
+
+/// Place of a drone in a sorted list, or where it belongs. Mostly it is at `guess`: a fleet's captures are those of
+/// its drones, in order.
+#[inline]
+fn find(drones: &[DroneId], guess: usize, drone: DroneId) -> Result<usize, usize> {
+    if drones.get(guess) == Some(&drone) { Ok(guess) } else { drones.binary_search(&drone) }
 }
 
 /// A total order of occasions with equal user and time.
@@ -189,25 +200,27 @@ fn canonical(occasion: &Occasion) -> Vec<(u16, [u64; 4])> {
 /// One group, sorted.
 fn build(
     occasions: &[Occasion],
-    group: &[Key],
+    group: &mut [Key],
     drones: Vec<DroneId>,
     cfg: &LocalizeConfig,
-    keep: &dyn Fn(usize, usize) -> bool,
+    keep: &impl Fn(usize, usize) -> bool,
     dropped: &mut Dropped,
 ) -> Problem {
     let mut problem = Problem {
-        clock_group: occasions[group[0].2 as usize].clock_group,
+        clock_group: occasions[group[0].1 as usize].clock_group,
         drones,
         users: Vec::new(),
         heard: Vec::with_capacity(group.len()),
         time_s: [f64::INFINITY, f64::NEG_INFINITY],
     };
-    for of_user in group.chunk_by(|a, b| a.0 == b.0) {
+    let reader = Reader::new(&problem.drones, cfg);
+    for of_user in group.chunk_by_mut(|a, b| a.0 == b.0) {
+        sort_by_time(occasions, of_user);
         let start = problem.heard.len();
         let mut track = Track::default();
-        for &(.., i) in of_user {
-            let occasion = &occasions[i as usize];
-            let heard = hear(occasion, &problem.drones, cfg, &|capture| keep(i as usize, capture), dropped);
+        for &(_, i) in of_user.iter() {
+            let i = i as usize;
+            let heard = reader.hear(&occasions[i], |capture| keep(i, capture), dropped);
             if heard.count > 0 {
                 track.add(&heard);
             }
@@ -220,7 +233,7 @@ fn build(
         // A user none of whose captures can be read is not in the answer; its captures are counted.
         if let Some((centroid_m, direction)) = track.finish() {
             problem.users.push(UserSpan {
-                user: occasions[of_user[0].2 as usize].user,
+                user: occasions[of_user[0].1 as usize].user,
                 span: start..problem.heard.len(),
                 centroid_m,
                 track: direction,
@@ -234,65 +247,82 @@ fn build(
     problem
 }
 
-/// Reads one occasion, captures sorted by drone.
-pub(super) fn hear(
-    occasion: &Occasion,
-    drones: &[DroneId],
-    cfg: &LocalizeConfig,
-    keep: &dyn Fn(usize) -> bool,
-    dropped: &mut Dropped,
-) -> Heard {
-    let mut heard = Heard {
-        time_s: occasion.time_s,
-        count: 0,
-        slot: [0; MAX_CAPTURES],
-        east_m: [0.0; MAX_CAPTURES],
-        north_m: [0.0; MAX_CAPTURES],
-        up_m: [1.0; MAX_CAPTURES],
-        toa_ns: [0.0; MAX_CAPTURES],
-        info: [0.0; MAX_CAPTURES],
-    };
-    let mut order: [usize; MAX_CAPTURES] = std::array::from_fn(|i| i);
-    let captures = &occasion.captures;
-    let order = &mut order[..captures.len()];
-    order.sort_unstable_by(|&a, &b| {
-        (captures[a].drone.cmp(&captures[b].drone)).then(captures[a].toa_ns.total_cmp(&captures[b].toa_ns))
-    });
-    // A bias is no noise (`excess`), but it shows in the residuals: outliers are judged with it.
-    let drone_sigma_ns = cfg.drone_pos_sigma_m.hypot(cfg.drone_bias_sigma_m) / super::model::C_M_PER_NS;
-    let mut first_toa_ns = 0.0;
-    for &i in order.iter().filter(|&&i| keep(i)) {
-        let capture = &captures[i];
-        let sigma_ns = capture.sigma_ns.unwrap_or(cfg.sigma_toa_ns);
-        let sane = capture.pos_enu_m.iter().all(|p| p.abs() <= MOST_POSITION_M)
-            && capture.toa_ns.abs() <= MOST_TOA_NS
-            && (SIGMA_NS[0]..=SIGMA_NS[1]).contains(&sigma_ns);
-        if !sane {
-            dropped.bad_capture += 1;
-            continue;
-        }
-        let Ok(slot) = drones.binary_search(&capture.drone) else {
-            dropped.too_many_drones += 1;
-            continue;
-        };
-        let n = usize::from(heard.count);
-        if n > 0 && usize::from(heard.slot[n - 1]) == slot {
-            dropped.duplicate += 1;
-            continue;
-        }
-        if n == 0 {
-            first_toa_ns = capture.toa_ns;
-        }
-        let [east_m, north_m, up_m] = capture.pos_enu_m;
-        heard.slot[n] = slot as u8;
-        heard.east_m[n] = east_m;
-        heard.north_m[n] = north_m;
-        heard.up_m[n] = up_m - cfg.user_altitude_m;
-        heard.toa_ns[n] = capture.toa_ns - first_toa_ns;
-        heard.info[n] = 1.0 / (sigma_ns.powi(2) + drone_sigma_ns.powi(2));
-        heard.count += 1;
+/// Reads occasions of one clock group.
+pub(super) struct Reader<'a> {
+    drones: &'a [DroneId],
+    cfg: &'a LocalizeConfig,
+    /// What errors of the drones' positions add to an arrival.
+    drone_variance_ns2: f64,
+}
+
+impl<'a> Reader<'a> {
+    /// For a group of these drones, sorted.
+    pub(super) fn new(drones: &'a [DroneId], cfg: &'a LocalizeConfig) -> Self {
+        // A bias is no noise (`excess`), but it shows in the residuals: outliers are judged with it.
+        let drone_sigma_ns = cfg.drone_pos_sigma_m.hypot(cfg.drone_bias_sigma_m) / C_M_PER_NS;
+        Self { drones, cfg, drone_variance_ns2: drone_sigma_ns.powi(2) }
     }
-    heard
+
+    /// Reads one occasion, captures sorted by drone.
+    pub(super) fn hear(
+        &self,
+        occasion: &Occasion,
+        keep: impl Fn(usize) -> bool,
+        dropped: &mut Dropped,
+    ) -> Heard {
+        let mut heard = Heard {
+            time_s: occasion.time_s,
+            count: 0,
+            slot: [0; MAX_CAPTURES],
+            east_m: [0.0; MAX_CAPTURES],
+            north_m: [0.0; MAX_CAPTURES],
+            up_m: [1.0; MAX_CAPTURES],
+            toa_ns: [0.0; MAX_CAPTURES],
+            info: [0.0; MAX_CAPTURES],
+        };
+        let mut order: [usize; MAX_CAPTURES] = std::array::from_fn(|i| i);
+        let captures = &occasion.captures;
+        let order = &mut order[..captures.len()];
+        if !captures.is_sorted_by(|a, b| a.drone < b.drone) {
+            order.sort_unstable_by(|&a, &b| {
+                let (a, b) = (&captures[a], &captures[b]);
+                a.drone.cmp(&b.drone).then(a.toa_ns.total_cmp(&b.toa_ns))
+            });
+        }
+        let mut first_toa_ns = 0.0;
+        for &i in order.iter().filter(|&&i| keep(i)) {
+            let capture = &captures[i];
+            let sigma_ns = capture.sigma_ns.unwrap_or(self.cfg.sigma_toa_ns);
+            let sane = capture.pos_enu_m.iter().all(|p| p.abs() <= MOST_POSITION_M)
+                && capture.toa_ns.abs() <= MOST_TOA_NS
+                && (SIGMA_NS[0]..=SIGMA_NS[1]).contains(&sigma_ns);
+            if !sane {
+                dropped.bad_capture += 1;
+                continue;
+            }
+            let n = usize::from(heard.count);
+            let Ok(slot) = find(self.drones, n, capture.drone) else {
+                dropped.too_many_drones += 1;
+                continue;
+            };
+            if n > 0 && usize::from(heard.slot[n - 1]) == slot {
+                dropped.duplicate += 1;
+                continue;
+            }
+            if n == 0 {
+                first_toa_ns = capture.toa_ns;
+            }
+            let [east_m, north_m, up_m] = capture.pos_enu_m;
+            heard.slot[n] = slot as u8;
+            heard.east_m[n] = east_m;
+            heard.north_m[n] = north_m;
+            heard.up_m[n] = up_m - self.cfg.user_altitude_m;
+            heard.toa_ns[n] = capture.toa_ns - first_toa_ns;
+            heard.info[n] = 1.0 / (sigma_ns.powi(2) + self.drone_variance_ns2);
+            heard.count += 1;
+        }
+        heard
+    }
 }
 
 /// Moments of the drones' mean position over the occasions of one user.
@@ -309,8 +339,8 @@ struct Track {
 
 impl Track {
     fn add(&mut self, heard: &Heard) {
-        let n = usize::from(heard.count);
-        let mean = |values: &[f64; MAX_CAPTURES]| values[..n].iter().sum::<f64>() / n as f64;
+        // Unused places hold zeros.
+        let mean = |values: &[f64; MAX_CAPTURES]| values.iter().sum::<f64>() / f64::from(heard.count);
         let at_m = [mean(&heard.east_m), mean(&heard.north_m)];
         if self.count == 0.0 {
             self.origin_m = at_m;

@@ -14,7 +14,7 @@ use skyroost_protocol::units::{DroneId, UserId};
 use super::check::{on_ground, starts, stepped};
 use super::model::{ClockFix, ClockModel, LocalizeConfig, MAX_CAPTURES, Occasion, Robust};
 use super::normal::{PositionPrior, UserBlock};
-use super::problem::{Dropped, Heard, UserSpan, hear};
+use super::problem::{Dropped, Heard, Reader, UserSpan};
 use super::r95::r95;
 use super::robust::{Loss, linearise};
 use super::small::{Mat, dot, horizontal, inverse, mul};
@@ -104,7 +104,7 @@ impl Running {
     /// captures that cannot be read say nothing here; the solution of everything counts them.
     pub fn add(&mut self, occasion: &Occasion) {
         let Some(group) = self.groups.get(&occasion.clock_group) else { return };
-        let heard = hear(occasion, &group.drones, &self.cfg, &|_| true, &mut Dropped::default());
+        let heard = Reader::new(&group.drones, &self.cfg).hear(occasion, |_| true, &mut Dropped::default());
         if heard.count < 2 || !heard.time_s.is_finite() {
             return;
         }

@@ -3,9 +3,9 @@
 use super::check::{self, on_ground};
 use super::clock::{Clocks, Grid, Resolution, first_lines};
 use super::excess;
-use super::model::{ClockFix, FixStatus, LocalizeConfig, Robust, UserFix};
+use super::model::{ClockFix, FixStatus, LocalizeConfig, MAX_CAPTURES, Robust, UserFix};
 use super::normal::{Eliminated, Fit, Normal, PositionPrior};
-use super::problem::{Problem, UserSpan};
+use super::problem::{Heard, Problem, UserSpan};
 use super::r95::r95;
 use super::robust::Loss;
 use super::small::{Mat, horizontal};
@@ -20,9 +20,11 @@ const STEPS_PER_SCALE: u32 = 2;
 const MOST_STEPS: u32 = 30;
 /// Occasions per user that suffice for the first iterations.
 const FIRST_OCCASIONS: usize = 12;
-/// Converged when a step is expected to lower the cost by less than this per user: a thirtieth of a standard
-/// deviation; that step is still taken.
-const TOLERANCE_PER_USER: f64 = 5e-4;
+/// Converged when the cost that a step leaves is expected to be less than this per user: a hundredth of a standard
+/// deviation.
+const TOLERANCE_PER_USER: f64 = 5e-5;
+/// Share of its promise that a step leaves at least, however much less than the one before it promises.
+const LEAST_LEFT: f64 = 0.01;
 /// Rounds of new starts for users with a bad fit.
 const MOST_RESTARTS: usize = 3;
 /// Up to this many users a group may have to be started anew as a whole: their errors do not yet average out in
@@ -45,6 +47,18 @@ pub(super) struct State<const D: usize> {
     pub(super) clocks: Clocks,
     /// East, north and, where it is unknown, up from the altitude assumed.
     pub(super) pos_m: Vec<[f64; D]>,
+}
+
+impl<const D: usize> State<D> {
+    /// Offsets of the clocks of the captures of one occasion.
+    #[inline]
+    pub(super) fn clock_ns(&self, heard: &Heard) -> [f64; MAX_CAPTURES] {
+        if self.grid.clocks() == 0 {
+            return [0.0; MAX_CAPTURES];
+        }
+        let (interval, fraction) = self.grid.locate(heard.time_s);
+        self.clocks.of_captures(heard, interval, fraction)
+    }
 }
 
 /// A group solved.
@@ -110,7 +124,7 @@ struct Solver<'a, const D: usize> {
     cfg: &'a LocalizeConfig,
     prior: PositionPrior,
     iterations: u32,
-    /// How well the users fit where `minimise` last linearised, and the cost there.
+    /// How well the users fit where `minimise` last linearised, and the cost where it ended.
     fits: Vec<Fit>,
     cost: f64,
     /// Minima of the whole group that compare with the best: the positions of all users.
@@ -211,6 +225,8 @@ impl<'a, const D: usize> Solver<'a, D> {
         let mut matrix = normal.envelope(&state.grid);
         let mut trial_normal = Normal::default();
         let mut damping = 0.0;
+        // What the step before promised and kept.
+        let mut promised: Option<f64> = None;
         for _ in 0..most_steps {
             self.iterations += 1;
             let Some(eliminated) = normal.eliminate(state, damping, matrix) else {
@@ -225,9 +241,11 @@ impl<'a, const D: usize> Solver<'a, D> {
             for (p, d) in trial.pos_m.iter_mut().zip(&step.users_m) {
                 *p = check::stepped(*p, *d, self.cfg);
             }
-            if step.predicted < tolerance {
+            // Near the minimum, steps shrink by a steady factor: the next would promise that much less.
+            let left = promised.map_or(1.0, |before| (step.predicted / before).clamp(LEAST_LEFT, 1.0));
+            if step.predicted * left < tolerance {
                 *state = trial;
-                (self.fits, self.cost) = (normal.fits, normal.cost);
+                (self.fits, self.cost) = (normal.fits, normal.cost - step.predicted);
                 return true;
             }
             self.evaluate(&trial, &loss, thinned, &mut trial_normal);
@@ -235,8 +253,10 @@ impl<'a, const D: usize> Solver<'a, D> {
                 *state = trial;
                 std::mem::swap(&mut normal, &mut trial_normal);
                 damping = lower(damping);
+                promised = Some(step.predicted);
             } else {
                 damping = raise(damping);
+                promised = None;
             }
         }
         (self.fits, self.cost) = (normal.fits, normal.cost);
