@@ -252,6 +252,9 @@ mod tests {
         check(&(0..40).map(|i| user(60.0 * f64::from(i), 0.0, 500.0)).collect::<Vec<_>>());
         check(&[user(0.0, 0.0, 500.0), user(1000.0, 0.0, 500.0)]);
         check(&[user(0.0, 0.0, 0.0), user(0.0, 0.0, 0.0), user(1.0, 0.0, 0.0)]);
+        // Three circles through nearly one point.
+        let near = [(1, 5, 2), (5, 2, 3), (7, 2, 0), (4, 0, 0), (2, 5, 2)];
+        check(&near.map(|(x, y, r)| user(f64::from(x), f64::from(y), f64::from(r))));
         check(&[user(0.0, 0.0, -1.0)]);
     }
 }

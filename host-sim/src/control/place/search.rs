@@ -4,7 +4,7 @@
 //! disk contains it are gained anywhere in it, users whose disk misses it nowhere, and only the others
 //! are looked at again in its four quarters. Squares that cannot beat the best centre known are never
 //! opened. The method is that of max-depth searches on arrangements of disks; exactness comes from the
-//! leaf of the objective (for counts an angular sweep, for probabilities a stated gap).
+//! leaf of the objective (for counts all crossings of circles, for probabilities a stated gap).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
