@@ -22,11 +22,12 @@ const WIDENING_M: f64 = 0.5 * TOLERANCE_M;
 /// A centre may lie on a circle, and must not lose that user to rounding.
 const ON_CIRCLE_M: f64 = 0.5 * WIDENING_M;
 
-/// Nodes with at most this many open circles are settled, larger ones are split: measured optimum.
+/// Nodes with at most this many open circles are settled, larger ones are split: measured optimum. Users at one
+/// place count once; others are parted by nodes that are small enough.
 const SETTLED_CIRCLES: usize = 6;
 
-/// Nodes this small compared with the longest radius are settled whatever they hold.
-const SMALLEST_NODE: f64 = 1.0 / 2048.0;
+/// Seen from the middle of a node with a half side of this or less, every open circle is within [`ON_CIRCLE_M`].
+const SMALLEST_HALF_M: f64 = 0.5 * ON_CIRCLE_M;
 
 /// A centre for one drone.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,7 +77,6 @@ struct Circles {
     radii_m: Vec<f64>,
     /// Zero once served.
     weights: Vec<f64>,
-    smallest_half_m: f64,
 }
 
 impl<'a> Counting<'a> {
@@ -90,7 +90,6 @@ impl<'a> Counting<'a> {
             positions_m,
             radii_m: users.iter().map(|u| u.radius_m + WIDENING_M).collect(),
             weights: vec![0.0; users.len()],
-            smallest_half_m: longest_m * SMALLEST_NODE,
         };
         for (user, u) in users.iter().enumerate().filter(|(_, u)| coverable(u)) {
             circles.weights[user] = u.weight;
@@ -283,20 +282,19 @@ impl Gain for Circles {
     }
 
     fn settle(&self, node: &Node, keep_out: &KeepOut, best: &mut Best) -> Option<f64> {
-        if node.open.len() > SETTLED_CIRCLES && node.half_m > self.smallest_half_m {
-            return None;
-        }
+        let tiny = node.half_m <= SMALLEST_HALF_M;
+        let mut circles = if tiny { Vec::new() } else { self.few_circles(&node.open)? };
         let rho_m = node.rho_m();
         let shores: Vec<V2> = keep_out.near(node.at, rho_m).collect();
-        let of_users =
-            node.open.iter().map(|&user| (self.positions_m[user as usize], self.radii_m[user as usize]));
-        let circles: Vec<(V2, f64)> =
-            of_users.chain(shores.iter().map(|&shore| (shore, keep_out.shore_m()))).collect();
+        circles.extend(shores.iter().map(|&shore| (shore, keep_out.shore_m())));
         let mut offer = |at: V2| {
             if (at - node.at).norm() <= rho_m && keep_out.allows(at) {
                 self.offer(at, node, best);
             }
         };
+        if tiny {
+            offer(node.at);
+        }
         for (i, &circle) in circles.iter().enumerate() {
             offer(nearest(circle, node.at));
             for &other in &circles[i + 1..] {
@@ -309,6 +307,21 @@ impl Gain for Circles {
 }
 
 impl Circles {
+    /// The circles of these users, equal ones once; none if there are too many to settle.
+    fn few_circles(&self, users: &[u32]) -> Option<Vec<(V2, f64)>> {
+        let mut circles: Vec<(V2, f64)> = Vec::with_capacity(users.len().min(SETTLED_CIRCLES));
+        for &user in users {
+            let circle = (self.positions_m[user as usize], self.radii_m[user as usize]);
+            if !circles.contains(&circle) {
+                if circles.len() == SETTLED_CIRCLES {
+                    return None;
+                }
+                circles.push(circle);
+            }
+        }
+        Some(circles)
+    }
+
     /// Offers a centre within a node.
     fn offer(&self, at: V2, node: &Node, best: &mut Best) {
         let covers = |&&user: &&u32| {

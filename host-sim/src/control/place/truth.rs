@@ -1,6 +1,8 @@
 //! Truth tests: the solvers against independent computations, and the laws they must obey.
 #![allow(clippy::float_cmp, reason = "counts and coordinates that must come out exactly")]
 
+use std::time::{Duration, Instant};
+
 use nalgebra::{Matrix2, Rotation2};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
@@ -279,6 +281,35 @@ fn crowded_users_stay_cheap() {
     let placement =
         place(Objective::Guaranteed(&users), Fleet { drones: 2, min_separation_m: 15.0 }).unwrap();
     assert_eq!((placement.covered, placement.proved_optimal), (20_000, true));
+}
+
+#[test]
+fn truth_many_circles_near_one_point_are_exact_and_cheap() {
+    // Hundreds of circles pass near where a best centre lies, so that large nodes cannot part them.
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let on_a_circle: Vec<PlaceUser> = (0..2_000)
+        .map(|i| f64::from(i) * 1.234)
+        .map(|angle| user(470.0 * angle.cos(), 470.0 * angle.sin(), 470.0))
+        .collect();
+    let two_blobs: Vec<PlaceUser> = (0..2_000)
+        .map(|i| PlaceUser {
+            pos_m: V2::new(f64::from(i % 2) * 939.9, 0.0) + point(&mut rng, 0.2),
+            ..user(0.0, 0.0, 470.0)
+        })
+        .collect();
+    let households: Vec<PlaceUser> = (0..100)
+        .flat_map(|_| [PlaceUser { pos_m: point(&mut rng, 2_000.0), ..user(0.0, 0.0, 470.0) }; 20])
+        .collect();
+    for (what, users) in [("on a circle", on_a_circle), ("two blobs", two_blobs), ("households", households)]
+    {
+        let weight = |users: &[PlaceUser]| best_disk(users).unwrap().weight;
+        let (least, greatest) = brute_force(&users[..120], &[], 0.0);
+        let found = weight(&users[..120]);
+        assert!(found >= least && found <= greatest, "{what}: {found} of {least} to {greatest}");
+        let began = Instant::now();
+        let found = weight(&users);
+        assert!(began.elapsed() < Duration::from_secs(8), "{what}: {found} in {:?}", began.elapsed());
+    }
 }
 
 #[test]
