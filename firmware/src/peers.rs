@@ -73,8 +73,8 @@ impl PeerTable {
     }
 
     /// Takes in a relayed state; an older one than known is ignored. A full table gives up the
-    /// neighbour heard longest ago.
-    pub fn update(&mut self, relayed: &PeerState, counters: &mut Counters) {
+    /// neighbour that was last heard farthest from `own_m`, be it the new one.
+    pub fn update(&mut self, relayed: &PeerState, own_m: &Vec3, counters: &mut Counters) {
         let state = relayed.state;
         let peer = Peer {
             drone: relayed.drone,
@@ -93,8 +93,11 @@ impl PeerTable {
         }
         if let Err(peer) = self.peers.push(peer) {
             Counters::count(&mut counters.peers_evicted);
-            if let Some(oldest) = self.peers.iter_mut().min_by_key(|p| p.time) {
-                *oldest = peer;
+            let distance = |p: &Peer| (p.state.pos_enu_m - own_m).norm_squared();
+            if let Some(farthest) = self.peers.iter_mut().max_by(|a, b| distance(a).total_cmp(&distance(b)))
+                && distance(farthest) > distance(&peer)
+            {
+                *farthest = peer;
             }
         }
     }
@@ -134,8 +137,8 @@ mod tests {
     #[test]
     fn states_age_and_silence_grows_the_keep_out() {
         let (mut table, mut counters) = (PeerTable::default(), Counters::default());
-        table.update(&heard(7, 500), &mut counters);
-        table.update(&heard(7, 100), &mut counters); // out of order
+        table.update(&heard(7, 500), &Vec3::zeros(), &mut counters);
+        table.update(&heard(7, 100), &Vec3::zeros(), &mut counters); // out of order
         let peer = *table.iter().next().unwrap();
         assert!((peer.predicted(TimePs::from_ms(1_000)).pos_enu_m.x - 2.0).abs() < 1e-4);
         assert!((peer.error_radius_m(TimePs::from_ms(1_000)) - 2.0).abs() < 1e-6);
@@ -145,12 +148,18 @@ mod tests {
     }
 
     #[test]
-    fn a_full_table_gives_up_the_oldest_and_says_so() {
+    fn a_full_table_gives_up_the_farthest_and_says_so() {
         let (mut table, mut counters) = (PeerTable::default(), Counters::default());
-        for drone in 0..=MAX_PEERS as u16 {
-            table.update(&heard(drone + 1, i64::from(drone)), &mut counters);
-        }
-        assert_eq!((table.iter().count(), counters.peers_evicted), (MAX_PEERS, 1));
-        assert!(table.iter().all(|p| p.drone != DroneId(1)));
+        let mut hear = |drone: u16, east_m: i32| {
+            let mut told = heard(drone, 0);
+            told.state.pos = PosEnuMm([east_m * 1000, 0, 0]);
+            table.update(&told, &Vec3::zeros(), &mut counters);
+        };
+        (1..=MAX_PEERS as u16).for_each(|drone| hear(drone, 10 * i32::from(drone)));
+        hear(100, 5);
+        hear(101, 5_000);
+        assert_eq!((table.iter().count(), counters.peers_evicted), (MAX_PEERS, 2));
+        let known = |drone: u16| table.iter().any(|p| p.drone == DroneId(drone));
+        assert!(known(100) && known(1) && !known(101) && !known(MAX_PEERS as u16));
     }
 }

@@ -7,6 +7,7 @@
 
 pub mod cli;
 pub mod control;
+pub mod encounter;
 pub mod fleet;
 pub mod geometry;
 pub mod recording;

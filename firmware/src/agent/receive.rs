@@ -2,6 +2,7 @@
 
 use super::FlightAgent;
 use crate::{
+    Vec3,
     counters::Counters,
     io::{Inputs, Outputs},
 };
@@ -119,8 +120,10 @@ impl FlightAgent {
             Down::LanePiece(piece) => self.upload.piece(piece, &mut self.lanes, &mut self.counters),
             Down::SrsRequest(request) => self.srs.announce(now, request, &mut self.counters),
             Down::Peers(states) => {
+                // Before the first fix nobody is near: who is kept does not matter on the ground.
+                let own_m = self.nav.map_or_else(Vec3::zeros, |(_, nav)| nav.pos_enu_m);
                 for state in states.iter().filter(|s| s.drone != self.config.id) {
-                    self.peers.update(state, &mut self.counters);
+                    self.peers.update(state, &own_m, &mut self.counters);
                 }
             }
         }

@@ -6,14 +6,31 @@
 //! printed pairwise shares, added up over several neighbours, push a drone out of one conflict into
 //! the next.
 
+pub mod gate;
 pub mod halfplanes;
+mod literal;
 pub mod pca;
 
-use crate::{Vec3, guidance::limited, peers::PeerTable};
+use crate::{
+    Vec3,
+    guidance::limited,
+    peers::{MAX_PEERS, PeerTable},
+};
+use gate::Neighbour;
 use halfplanes::{HalfPlane, MAX_ROWS};
 use heapless::Vec;
 use pca::Mover;
 use skyroost_protocol::units::TimePs;
+
+/// How conflicts are solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rule {
+    /// All neighbours at once.
+    #[default]
+    HalfPlanes,
+    /// The paper's pairwise shares (13) to (17), for comparison: it breaks the separation in most crossings.
+    LiteralPca,
+}
 
 /// What avoidance must keep.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +49,9 @@ const REACH_M: f32 = 320.0;
 /// Beyond `d_safe` and both error radii, metres: tracking error of the velocity loop.
 const PLAN_SLACK_M: f32 = 0.5;
 
+/// The gate keeps less than the plan, so that it speaks where the plan fails, metres.
+const GATE_LESS_M: f32 = 1.5;
+
 /// What avoidance made of the wanted velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Avoided {
@@ -43,8 +63,33 @@ pub struct Avoided {
 
 /// The velocity nearest to `wanted` that keeps the separation from every neighbour in `peers`.
 #[must_use]
-pub fn avoid(now: TimePs, own: &Mover, wanted: Vec3, peers: &PeerTable, separation: &Separation) -> Avoided {
+pub fn avoid(
+    now: TimePs,
+    own: &Mover,
+    wanted: Vec3,
+    peers: &PeerTable,
+    separation: &Separation,
+    rule: Rule,
+) -> Avoided {
+    match rule {
+        Rule::HalfPlanes => by_halfplanes(now, own, wanted, peers, separation),
+        Rule::LiteralPca => {
+            let shares = literal::displacement_mps(now, own, peers, separation);
+            let active = shares.norm_squared() > 0.0;
+            Avoided { vel_enu_mps: limited(wanted + shares, separation.max_speed_mps), active }
+        }
+    }
+}
+
+fn by_halfplanes(
+    now: TimePs,
+    own: &Mover,
+    wanted: Vec3,
+    peers: &PeerTable,
+    separation: &Separation,
+) -> Avoided {
     let mut rows: Vec<HalfPlane, MAX_ROWS> = Vec::new();
+    let mut neighbours: Vec<Neighbour, MAX_PEERS> = Vec::new();
     for peer in peers.iter() {
         // Whatever either does within the horizon, they cannot come near: most neighbours end here.
         if (peer.heard_at_m() - own.pos_enu_m).norm_squared() > REACH_M * REACH_M {
@@ -52,14 +97,16 @@ pub fn avoid(now: TimePs, own: &Mover, wanted: Vec3, peers: &PeerTable, separati
         }
         let other = peer.predicted(now);
         let d_plan_m = separation.d_safe_m + separation.own_error_m + peer.error_radius_m(now) + PLAN_SLACK_M;
+        let keep_m = d_plan_m - GATE_LESS_M;
+        let _ = neighbours.push(Neighbour { mover: other, keep_m });
         pca::rows(own, &other, d_plan_m, |row| {
             // Two rows a neighbour and 32 neighbours fit MAX_ROWS.
             let _ = rows.push(row);
         });
     }
-    if rows.iter().all(|row| row.allows(&wanted)) {
-        return Avoided { vel_enu_mps: wanted, active: false };
-    }
-    let vel_enu_mps = limited(halfplanes::nearest(wanted, &rows), separation.max_speed_mps);
-    Avoided { vel_enu_mps, active: true }
+    let clear = rows.iter().all(|row| row.allows(&wanted));
+    let nearest =
+        if clear { wanted } else { limited(halfplanes::nearest(wanted, &rows), separation.max_speed_mps) };
+    let vel_enu_mps = gate::passing(own, nearest, &neighbours);
+    Avoided { vel_enu_mps, active: vel_enu_mps != wanted }
 }

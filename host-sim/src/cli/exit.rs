@@ -1,6 +1,7 @@
 //! What went wrong and the exit status it has.
 
 use super::accuracy::AccuracyFailure;
+use super::encounter::EncounterFailure;
 use super::locate::LocateFailure;
 use super::output::OutputError;
 use super::place::PlaceFailure;
@@ -73,6 +74,9 @@ pub(super) enum Failure {
     /// No accuracy can be told.
     #[error(transparent)]
     Accuracy(#[from] AccuracyFailure),
+    /// Nobody can meet.
+    #[error(transparent)]
+    Encounter(#[from] EncounterFailure),
     /// The result files cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -96,6 +100,7 @@ impl Failure {
             | Self::Locate(_)
             | Self::Place(_)
             | Self::Accuracy(_)
+            | Self::Encounter(_)
             | Self::Output(_)
             | Self::Stdout(_) => Exit::BadInput,
             Self::Sweep(failure) => failure.exit(),

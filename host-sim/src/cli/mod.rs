@@ -5,6 +5,7 @@
 //! - `locate`: locates users from recorded captures,
 //! - `place`: places drones for located users,
 //! - `accuracy`: tells how well a formation locates,
+//! - `encounter`: flies vehicles past each other,
 //! - `answer`: files, and JSON or text, of commands that answer a question,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
@@ -16,6 +17,7 @@
 mod accuracy;
 mod answer;
 mod console;
+mod encounter;
 mod exit;
 mod inputs;
 mod interrupt;
@@ -58,6 +60,7 @@ enum Command {
     Locate(locate::LocateArgs),
     Place(place::PlaceArgs),
     Accuracy(accuracy::AccuracyArgs),
+    Encounter(encounter::EncounterArgs),
 }
 
 /// Runs the command line of this process and returns its exit status.
@@ -78,6 +81,7 @@ pub fn main() -> ExitCode {
         Command::Locate(args) => locate::run(args),
         Command::Place(args) => place::run(args),
         Command::Accuracy(args) => accuracy::run(args),
+        Command::Encounter(args) => encounter::run(args),
     };
     let exit = result.unwrap_or_else(|failure| {
         Console::error(&failure);

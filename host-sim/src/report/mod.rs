@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 mod earth;
+pub mod encounter;
 pub(crate) mod figures;
 pub mod html;
 pub mod limits;
