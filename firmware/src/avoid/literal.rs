@@ -13,8 +13,9 @@ pub(super) fn displacement_mps(now: TimePs, own: &Mover, peers: &PeerTable, sepa
         let keep_m = separation.d_safe_m + separation.own_error_m + peer.error_radius_m(now) + PLAN_SLACK_M;
         let Some(pca::Approach { tau_s, pass_m }) = pca::approach(own, &other) else { continue };
         let miss_m = pass_m.norm();
-        // (12) with the time that it omits; where the pass vector vanishes the paper names no direction.
-        if tau_s <= 0.0 || miss_m >= keep_m || miss_m <= 0.0 {
+        // (12) with the time that it omits, (13) to (15) with the sum of both displacements mended; where the pass
+        // vector vanishes the paper names no direction.
+        if tau_s <= 0.0 || miss_m >= separation.d_safe_m || miss_m <= 0.0 {
             continue;
         }
         let (speed_a, speed_b) = (own.vel_enu_mps.norm(), other.vel_enu_mps.norm());
