@@ -1,8 +1,11 @@
 //! The paper's rule as it stands, but for its signs: every pair shares what is missing, and the shares add up.
 
-use super::{PLAN_SLACK_M, Separation, pca};
+use super::{Separation, pca};
 use crate::{Vec3, avoid::pca::Mover, peers::PeerTable};
 use skyroost_protocol::units::TimePs;
+
+/// The paper adds nothing beyond what is known to err; this is for rounding and delay, metres.
+const SLACK_M: f32 = 0.5;
 
 /// Sum over conflicts of A's share of the displacement (14) along `l_p`, each spread over its time to closest approach
 /// (16), (17), metres a second.
@@ -10,7 +13,7 @@ pub(super) fn displacement_mps(now: TimePs, own: &Mover, peers: &PeerTable, sepa
     let mut sum = Vec3::zeros();
     for peer in peers.iter() {
         let other = peer.predicted(now);
-        let keep_m = separation.d_safe_m + separation.own_error_m + peer.error_radius_m(now) + PLAN_SLACK_M;
+        let keep_m = separation.d_safe_m + separation.own_error_m + peer.error_radius_m(now) + SLACK_M;
         let Some(pca::Approach { tau_s, pass_m }) = pca::approach(own, &other) else { continue };
         let miss_m = pass_m.norm();
         // (12) with the time that it omits, (13) to (15) with the sum of both displacements mended; where the pass

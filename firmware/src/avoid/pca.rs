@@ -8,6 +8,7 @@
 //! same sign, which would change nothing), and their displacements add up to `d - |l_p|`.
 
 use super::halfplanes::HalfPlane;
+use super::{Neighbour, braking};
 use crate::{Vec3, scalar::within};
 
 /// Longest time ahead that a closest approach is planned for, seconds.
@@ -20,8 +21,10 @@ const ALONE_BELOW_S: f32 = 3.0;
 const HEAD_ON_M: f32 = 8.0;
 /// Relative speed below which there is no approach to speak of, metres a second.
 const AT_REST_MPS: f32 = 0.3;
-/// Braking that either drone of a pair is trusted with, metres a second squared.
-const BRAKE_MPS2: f32 = 2.0;
+/// What the row of braking paths keeps beyond the stop gate, so that the gate need not speak, metres.
+const STOP_MORE_M: f32 = 1.0;
+/// Where braking paths keep this much more than they have to, their row would bind nobody, metres.
+const STOP_SPARE_M: f32 = 20.0;
 
 /// Something with a position and a velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -54,13 +57,12 @@ pub fn approach(a: &Mover, b: &Mover) -> Option<Approach> {
     Some(Approach { tau_s, pass_m: l + c * tau_s })
 }
 
-/// Emits the half-planes of velocities that keep A `d_plan_m` away from B.
-pub fn rows(a: &Mover, b: &Mover, d_plan_m: f32, mut emit: impl FnMut(HalfPlane)) {
-    let l = a.pos_enu_m - b.pos_enu_m;
-    let distance = l.norm();
-    // Two drones at one point have no direction to part; east is as good as any.
-    let away = if distance > 1e-3 { l / distance } else { Vec3::x() };
-    emit(braking(&away, distance, b, d_plan_m));
+/// Emits the half-planes of velocities that keep A away from a neighbour: where both brake, and where both fly on.
+pub fn rows(a: &Mover, neighbour: &Neighbour, mut emit: impl FnMut(HalfPlane)) {
+    let (b, d_plan_m) = (&neighbour.mover, neighbour.plan_m);
+    if let Some(row) = stop_row(a, neighbour) {
+        emit(row);
+    }
     let Some(Approach { tau_s, pass_m }) = approach(a, b) else { return };
     if tau_s <= 0.0 {
         return;
@@ -117,11 +119,17 @@ fn unit_or(v: Vec3, fallback: impl FnOnce() -> Vec3) -> (Vec3, f32) {
     if length > 1e-3 { (v / length, length) } else { (fallback(), 0.0) }
 }
 
-/// No closing faster than both can brake for: `v_close <= 2 sqrt(a (|l| - d))`; inside `d`, part.
-fn braking(away: &Vec3, distance_m: f32, b: &Mover, d_plan_m: f32) -> HalfPlane {
-    let room_m = distance_m - d_plan_m;
-    let closing_mps = if room_m > 0.0 { 2.0 * libm::sqrtf(BRAKE_MPS2 * room_m) } else { room_m };
-    HalfPlane { normal: *away, at_least: away.dot(&b.vel_enu_mps) - closing_mps }
+/// The half-plane of PCA on braking paths: velocities from which both can come to rest without coming too close.
+///
+/// A change of A's velocity moves its place at the closest approach by `way_s` of it, and by what it flies until the
+/// velocity loop has made the change. A takes all of it upon itself, as B may do anything.
+fn stop_row(a: &Mover, neighbour: &Neighbour) -> Option<HalfPlane> {
+    let v = &a.vel_enu_mps;
+    let (closest, keep_m) = braking::meeting(a, v, neighbour, STOP_SPARE_M)?;
+    let (normal, distance_m) = unit_or(closest.rel_m, || side_of(&(v - neighbour.mover.vel_enu_mps)));
+    let room_m = distance_m - keep_m - STOP_MORE_M;
+    let at_least = normal.dot(v) - room_m / (closest.way_s + SOONEST_S);
+    (room_m < STOP_SPARE_M).then_some(HalfPlane { normal, at_least })
 }
 
 #[cfg(test)]
@@ -154,7 +162,7 @@ mod tests {
         fn the_pair_agrees(a in arbitrary(), b in arbitrary()) {
             let collect = |x: &Mover, y: &Mover| {
                 let mut found = Vec::new();
-                rows(x, y, 15.0, |row| found.push(row));
+                rows(x, &Neighbour { mover: *y, plan_m: 15.0, keep_m: 12.0 }, |row| found.push(row));
                 found
             };
             let (from_a, from_b) = (collect(&a, &b), collect(&b, &a));
