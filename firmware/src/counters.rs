@@ -53,8 +53,6 @@ counters! {
     captures_overflowed,
     /// Neighbours pushed out of the full table.
     peers_evicted,
-    /// Neighbours forgotten after long silence.
-    peers_expired,
     /// Lane pieces outside the announced mission.
     lanes_refused,
     /// Inputs that were not finite numbers.

@@ -14,14 +14,14 @@ use skyroost_protocol::{
 
 /// Most neighbours kept: what the control center relays.
 pub const MAX_PEERS: usize = 32;
-/// A state older than this begins to lose its worth.
-const FRESH: TimePs = TimePs::from_ms(1_000);
-/// A neighbour silent for this long is forgotten (and counted).
-const FORGOTTEN: TimePs = TimePs::from_ms(60_000);
-/// Growth of the error radius of a silent neighbour, metres a second.
-const SILENCE_GROWTH_MPS: f32 = 1.0;
-/// Most that silence adds, metres.
-const SILENCE_LIMIT_M: f32 = 20.0;
+/// A state older than this tells where a neighbour was: it is silent, and may have stopped or flown on.
+const FRESH: TimePs = TimePs::from_ms(2_000);
+/// How long a silent neighbour may fly on: by then its own supervisor has made it hold, as its link is lost.
+const FLIES_ON: TimePs = TimePs::from_ms(10_000);
+/// Growth of the keep-out around the way of a silent neighbour, metres a second: drift, and turns.
+const DRIFT_MPS: f32 = 1.0;
+/// Most that drift adds, metres.
+const DRIFT_LIMIT_M: f32 = 20.0;
 
 /// A neighbour's last shared state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,18 +39,41 @@ impl Peer {
         self.state.pos_enu_m
     }
 
-    /// Where the neighbour is now if it kept its velocity.
+    /// Where the neighbour is now if it kept its velocity; of a silent one the middle of the way on which it may be.
     #[must_use]
     pub fn predicted(&self, now: TimePs) -> Mover {
-        let age_s = now.since(self.time).min(FRESH).as_secs_f32();
-        Mover { pos_enu_m: self.state.pos_enu_m + self.state.vel_enu_mps * age_s, ..self.state }
+        let Mover { pos_enu_m, vel_enu_mps } = self.state;
+        let (heard_s, silent_s) = self.ages_s(now);
+        let moves = if silent_s <= 0.0 {
+            1.0
+        } else if silent_s < FLIES_ON.as_secs_f32() {
+            0.5
+        } else {
+            0.0
+        };
+        let middle_s = heard_s + 0.5 * lesser(silent_s, FLIES_ON.as_secs_f32());
+        Mover { pos_enu_m: pos_enu_m + vel_enu_mps * middle_s, vel_enu_mps: vel_enu_mps * moves }
     }
 
-    /// Declared error radius, grown by silence.
+    /// Declared error radius of its position, metres.
     #[must_use]
-    pub fn error_radius_m(&self, now: TimePs) -> f32 {
-        let silent_s = greater(now.since(self.time).since(FRESH).as_secs_f32(), 0.0);
-        self.error_radius_m + lesser(SILENCE_GROWTH_MPS * silent_s, SILENCE_LIMIT_M)
+    pub fn error_radius_m(&self) -> f32 {
+        self.error_radius_m
+    }
+
+    /// By how much a silent neighbour may be off the [predicted](Self::predicted) place: half the way on which it may
+    /// be, and drift; metres. It grows while the neighbour is silent, and is never dropped for silence.
+    #[must_use]
+    pub fn keep_out_m(&self, now: TimePs) -> f32 {
+        let (_, silent_s) = self.ages_s(now);
+        let half_way_m = 0.5 * self.state.vel_enu_mps.norm() * lesser(silent_s, FLIES_ON.as_secs_f32());
+        half_way_m + lesser(DRIFT_MPS * silent_s, DRIFT_LIMIT_M)
+    }
+
+    /// Age of the state as long as it is fresh, and for how long the neighbour has been silent since, seconds.
+    fn ages_s(&self, now: TimePs) -> (f32, f32) {
+        let age = now.since(self.time);
+        (age.min(FRESH).as_secs_f32(), greater(age.since(FRESH).as_secs_f32(), 0.0))
     }
 }
 
@@ -102,14 +125,6 @@ impl PeerTable {
         }
     }
 
-    /// Forgets neighbours long silent.
-    pub fn expire(&mut self, now: TimePs, counters: &mut Counters) {
-        let before = self.peers.len();
-        self.peers.retain(|p| now.since(p.time) <= FORGOTTEN);
-        let gone = before - self.peers.len();
-        counters.peers_expired = counters.peers_expired.saturating_add(gone as u32);
-    }
-
     /// The neighbours, in the order first heard.
     pub fn iter(&self) -> impl Iterator<Item = &Peer> {
         self.peers.iter()
@@ -135,16 +150,24 @@ mod tests {
     }
 
     #[test]
-    fn states_age_and_silence_grows_the_keep_out() {
+    fn states_age_and_silence_makes_a_keep_out_that_grows() {
         let (mut table, mut counters) = (PeerTable::default(), Counters::default());
         table.update(&heard(7, 500), &Vec3::zeros(), &mut counters);
         table.update(&heard(7, 100), &Vec3::zeros(), &mut counters); // out of order
         let peer = *table.iter().next().unwrap();
         assert!((peer.predicted(TimePs::from_ms(1_000)).pos_enu_m.x - 2.0).abs() < 1e-4);
-        assert!((peer.error_radius_m(TimePs::from_ms(1_000)) - 2.0).abs() < 1e-6);
-        assert!((peer.error_radius_m(TimePs::from_ms(4_500)) - 5.0).abs() < 1e-3);
-        table.expire(TimePs::from_ms(61_000), &mut counters);
-        assert_eq!((table.iter().count(), counters.peers_expired), (0, 1));
+        assert!(peer.keep_out_m(TimePs::from_ms(1_000)) < 1e-6);
+        // At 2 m/s east, silent from 2.5 s on: stopped there or flown on for ten seconds, it is within the keep-out.
+        for silent_s in [0.5, 3.0, 10.0, 100.0] {
+            let now = TimePs::from_ms(2_500 + (silent_s * 1e3) as i64);
+            let (middle, keep_out_m) = (peer.predicted(now).pos_enu_m.x, peer.keep_out_m(now));
+            let flown_on_s = if silent_s < 10.0 { silent_s } else { 10.0 };
+            for may_be_m in [5.0, 5.0 + 2.0 * flown_on_s] {
+                assert!((middle - may_be_m).abs() <= keep_out_m, "{silent_s} s: {middle} {keep_out_m}");
+            }
+            assert!(keep_out_m <= 30.0 + 1e-3);
+        }
+        assert_eq!(table.iter().count(), 1);
     }
 
     #[test]

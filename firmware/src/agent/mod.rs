@@ -8,7 +8,7 @@ mod upload;
 
 use crate::{
     Vec3,
-    avoid::{self, Rule, Separation, pca::Mover},
+    avoid::{self, Rule, Separation, Vertical, pca::Mover},
     config::AgentConfig,
     counters::Counters,
     guidance::{lanes::Lanes, limited},
@@ -177,6 +177,7 @@ impl FlightAgent {
             d_safe_m: self.mission.as_ref().map_or(0.0, |m| m.d_safe_m),
             own_error_m: nav.error_radius_m,
             max_speed_mps: limits.max_speed_mps,
+            vertical: Vertical::default(),
         };
         let own = Mover { pos_enu_m: nav.pos_enu_m, vel_enu_mps: nav.vel_enu_mps };
         let avoided = avoid::avoid(now, &own, wanted, &self.peers, &separation, Rule::HalfPlanes);

@@ -16,6 +16,9 @@ const SWEEPS: usize = 16;
 /// Softness of the rows: share of a violation that may remain per unit of weight.
 const SOFTNESS: f32 = 0.01;
 
+/// A normal of which stretching leaves less than this says nothing.
+const LEAST_NORMAL: f32 = 0.1;
+
 /// Velocities `v` with `normal . v >= at_least`; `normal` has length one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HalfPlane {
@@ -30,6 +33,14 @@ impl HalfPlane {
     #[must_use]
     pub fn allows(&self, v: &Vec3) -> bool {
         self.normal.dot(v) >= self.at_least
+    }
+
+    /// This half-plane where velocities up and down are measured in units `by` times as large; none where what is left of
+    /// it is nearly upright on no velocity at all.
+    pub(super) fn stretched(&self, by: f32) -> Option<Self> {
+        let normal = Vec3::new(self.normal.x, self.normal.y, self.normal.z * by);
+        let length = normal.norm();
+        (length > LEAST_NORMAL).then(|| Self { normal: normal / length, at_least: self.at_least / length })
     }
 }
 

@@ -13,7 +13,7 @@ pub(super) fn displacement_mps(now: TimePs, own: &Mover, peers: &PeerTable, sepa
     let mut sum = Vec3::zeros();
     for peer in peers.iter() {
         let other = peer.predicted(now);
-        let keep_m = separation.d_safe_m + separation.own_error_m + peer.error_radius_m(now) + SLACK_M;
+        let keep_m = separation.d_safe_m + separation.own_error_m + peer.error_radius_m() + SLACK_M;
         let Some(pca::Approach { tau_s, pass_m }) = pca::approach(own, &other) else { continue };
         let miss_m = pass_m.norm();
         // (12) with the time that it omits, (13) to (15) with the sum of both displacements mended; where the pass

@@ -10,6 +10,8 @@
 pub mod braking;
 pub mod gate;
 pub mod halfplanes;
+#[cfg(test)]
+mod laws;
 mod literal;
 pub mod pca;
 
@@ -33,6 +35,29 @@ pub enum Rule {
     LiteralPca,
 }
 
+/// How gladly drones give way up and down, rather than to the side.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Vertical {
+    /// Never: the altitude is left to guidance.
+    Level,
+    /// As gladly as to the side.
+    Free,
+    /// More gladly: a metre up counts for half of one to the side.
+    #[default]
+    Preferred,
+}
+
+impl Vertical {
+    /// Metres up that count as one to the side.
+    const fn stretch(self) -> f32 {
+        match self {
+            Self::Level => 0.0,
+            Self::Free => 1.0,
+            Self::Preferred => 2.0,
+        }
+    }
+}
+
 /// What avoidance must keep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Separation {
@@ -42,6 +67,8 @@ pub struct Separation {
     pub own_error_m: f32,
     /// Greatest speed that may be commanded, metres a second.
     pub max_speed_mps: f32,
+    /// Whether to give way up and down.
+    pub vertical: Vertical,
 }
 
 /// Beyond this distance two drones at full speed do not meet within the horizon of [`pca`], the age of a
@@ -49,11 +76,11 @@ pub struct Separation {
 const REACH_M: f32 = 320.0;
 /// Planned beyond `d_safe` and both error radii, metres: tracking error of the velocity loop, and what several
 /// neighbours at once make of it.
-const PLAN_SLACK_M: f32 = 2.0;
+const PLAN_SLACK_M: f32 = 3.0;
 /// Kept at rest beyond `d_safe` and [`KEEP_ERRORS`], metres.
-const KEEP_SLACK_M: f32 = 1.0;
+const KEEP_SLACK_M: f32 = 2.0;
 /// Share of the error radii that the stop gate keeps: whole ones would have to point at each other.
-const KEEP_ERRORS: f32 = 0.5;
+const KEEP_ERRORS: f32 = 0.3;
 
 /// A neighbour that may matter, and the distances to keep from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -116,34 +143,58 @@ fn by_halfplanes(
     peers: &PeerTable,
     separation: &Separation,
 ) -> Avoided {
+    // The nearest first, so that the answer does not depend on whom the drone heard first.
     let mut neighbours: Vec<Neighbour, MAX_PEERS> = Vec::new();
     for peer in peers.iter() {
         // Whatever either does within the horizon, they cannot come near: most neighbours end here.
         if (peer.heard_at_m() - own.pos_enu_m).norm_squared() > REACH_M * REACH_M {
             continue;
         }
-        let error_m = peer.error_radius_m(now);
-        let (plan_m, keep_m) = (separation.plan_m(error_m), separation.keep_m(error_m));
+        let (error_m, keep_out_m) = (peer.error_radius_m(), peer.keep_out_m(now));
+        let neighbour = Neighbour {
+            mover: peer.predicted(now),
+            plan_m: separation.plan_m(error_m) + keep_out_m,
+            keep_m: separation.keep_m(error_m) + keep_out_m,
+        };
         // As many as there are peers.
-        let _ = neighbours.push(Neighbour { mover: peer.predicted(now), plan_m, keep_m });
+        let _ = neighbours.push(neighbour);
+        let beyond_m = |n: &Neighbour| (n.mover.pos_enu_m - own.pos_enu_m).norm_squared();
+        let mut list = neighbours.as_mut_slice();
+        while let [before @ .., last] = list {
+            let Some(previous) = before.last_mut().filter(|previous| beyond_m(previous) > beyond_m(last))
+            else {
+                break;
+            };
+            core::mem::swap(previous, last);
+            list = before;
+        }
     }
-    let planned = planned(own, wanted, &neighbours, separation.max_speed_mps);
-    let vel_enu_mps = gate::passing(own, planned, &neighbours);
+    let planned = planned(own, wanted, &neighbours, separation);
+    let passing = gate::passing(own, planned, &neighbours);
+    // Beyond all bounds (a velocity of 1e20 m/s) numbers overflow: to stop is the answer then.
+    let vel_enu_mps = if passing.iter().all(|x| x.is_finite()) { passing } else { Vec3::zeros() };
     Avoided { vel_enu_mps, active: vel_enu_mps != wanted }
 }
 
 /// The velocity nearest to `wanted` that the half-planes of all neighbours allow.
 #[inline(never)] // a board has no room for the rows beside what the gate needs
-fn planned(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], max_speed_mps: f32) -> Vec3 {
+fn planned(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], separation: &Separation) -> Vec3 {
+    let stretch = separation.vertical.stretch();
     let mut rows: Vec<HalfPlane, MAX_ROWS> = Vec::new();
+    let mut clear = true;
     for neighbour in neighbours {
         pca::rows(own, neighbour, |row| {
-            // Two rows a neighbour and 32 neighbours fit MAX_ROWS.
-            let _ = rows.push(row);
+            clear &= row.allows(&wanted);
+            // Two rows a neighbour and 32 neighbours fit MAX_ROWS. What no level flight can keep is left to the gate.
+            let _ = row.stretched(stretch).map(|row| rows.push(row));
         });
     }
-    if rows.iter().all(|row| row.allows(&wanted)) {
+    if clear {
         return wanted;
     }
-    limited(halfplanes::nearest(wanted, &rows), max_speed_mps)
+    // In units of velocity in which up and down are as dear as they are to be.
+    let up = if stretch > 0.0 { wanted.z / stretch } else { 0.0 };
+    let found = halfplanes::nearest(Vec3::new(wanted.x, wanted.y, up), &rows);
+    let up = if stretch > 0.0 { found.z * stretch } else { wanted.z };
+    limited(Vec3::new(found.x, found.y, up), separation.max_speed_mps)
 }

@@ -23,6 +23,10 @@ const HEAD_ON_M: f32 = 8.0;
 const AT_REST_MPS: f32 = 0.3;
 /// What the row of braking paths keeps beyond the stop gate, so that the gate need not speak, metres.
 const STOP_MORE_M: f32 = 1.0;
+/// Below this relative speed two drones stand in each other's way, metres a second.
+const STANDING_MPS: f32 = 1.5;
+/// How far a half-plane then leans to the left of the other drone.
+const STANDING_LEAN: f32 = 0.4;
 /// Where braking paths keep this much more than they have to, their row would bind nobody, metres.
 const STOP_SPARE_M: f32 = 20.0;
 
@@ -127,6 +131,10 @@ fn stop_row(a: &Mover, neighbour: &Neighbour) -> Option<HalfPlane> {
     let v = &a.vel_enu_mps;
     let (closest, keep_m) = braking::meeting(a, v, neighbour, STOP_SPARE_M)?;
     let (normal, distance_m) = unit_or(closest.rel_m, || side_of(&(v - neighbour.mover.vel_enu_mps)));
+    // Two that stand in each other's way would stand for ever: each gives way a little to its own left.
+    let relative_mps = (v - neighbour.mover.vel_enu_mps).norm();
+    let lean = STANDING_LEAN * within(1.0 - relative_mps / STANDING_MPS, 0.0, 1.0);
+    let normal = if lean > 0.0 { (normal + side_of(&-normal) * lean).normalize() } else { normal };
     let room_m = distance_m - keep_m - STOP_MORE_M;
     let at_least = normal.dot(v) - room_m / (closest.way_s + SOONEST_S);
     (room_m < STOP_SPARE_M).then_some(HalfPlane { normal, at_least })

@@ -7,12 +7,14 @@
 mod body;
 mod families;
 mod noise;
+#[cfg(test)]
+mod safety;
 mod scenario;
 #[cfg(test)]
 mod tests;
 
 pub use families::{Family, draw};
-pub use scenario::{Encounter, EncounterError, VehicleSpec};
+pub use scenario::{Encounter, EncounterError, VehicleSpec, Vertical};
 
 use skyroost_firmware::avoid::{self, Rule, Separation, pca::Mover};
 use skyroost_firmware::counters::Counters;
@@ -157,7 +159,7 @@ impl<'a> Flight<'a> {
                 time: time(now_s),
                 pos: PosEnuMm(pos_m.map(|m| (m * 1e3).round() as i32).into()),
                 vel: VelEnuMmps(vel_mps.map(|mps| (mps * 1e3).round() as i16).into()),
-                error_radius_mm: (encounter.r_s_m * 1e3).round() as u16,
+                error_radius_mm: (encounter.declared_m() * 1e3).round() as u16,
             };
             let told = PeerState { drone: DroneId(pilot.spec.id), state };
             for receiver in 0..self.pilots.len() {
@@ -245,8 +247,9 @@ impl Pilot<'_> {
         let wanted = goto::velocity(&own.pos_enu_m, &goal, cruise_mps as f32, VERTICAL_MPS as f32);
         let separation = Separation {
             d_safe_m: encounter.d_safe_m as f32,
-            own_error_m: encounter.r_s_m as f32,
+            own_error_m: encounter.declared_m() as f32,
             max_speed_mps: encounter.max_speed_mps as f32,
+            vertical: encounter.vertical.into(),
         };
         let rule = match avoidance {
             _ if !self.spec.cooperative => None,

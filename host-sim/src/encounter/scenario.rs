@@ -41,11 +41,40 @@ pub struct Encounter {
     /// Error radius of positions, the paper's `r_s`, metres.
     #[serde(default = "defaults::r_s_m")]
     pub r_s_m: f64,
+    /// Error radius that everybody believes in and tells, where it is not `r_s_m`, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub declared_r_s_m: Option<f64>,
+    /// Whether vehicles give way up and down.
+    #[serde(default)]
+    pub vertical: Vertical,
     /// Of errors and losses.
     #[serde(default = "defaults::seed")]
     pub seed: u64,
     /// Who meets.
     pub vehicles: Vec<VehicleSpec>,
+}
+
+/// How gladly vehicles give way up and down ([`skyroost_firmware::avoid::Vertical`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Vertical {
+    /// Never.
+    Level,
+    /// As gladly as to the side.
+    Free,
+    /// More gladly.
+    #[default]
+    Preferred,
+}
+
+impl From<Vertical> for skyroost_firmware::avoid::Vertical {
+    fn from(vertical: Vertical) -> Self {
+        match vertical {
+            Vertical::Level => Self::Level,
+            Vertical::Free => Self::Free,
+            Vertical::Preferred => Self::Preferred,
+        }
+    }
 }
 
 /// One of those that meet.
@@ -153,9 +182,17 @@ impl Encounter {
             share_period_s: defaults::share_period_s(),
             share_loss: 0.0,
             r_s_m: defaults::r_s_m(),
+            declared_r_s_m: None,
+            vertical: Vertical::default(),
             seed: defaults::seed(),
             vehicles,
         }
+    }
+
+    /// Error radius that everybody believes in, metres.
+    #[must_use]
+    pub fn declared_m(&self) -> f64 {
+        self.declared_r_s_m.unwrap_or(self.r_s_m)
     }
 
     /// Refuses what cannot be flown.
@@ -176,6 +213,7 @@ impl Encounter {
         within("share_period_s", self.share_period_s, self.dt_s, 10.0, "dt_s to 10 s")?;
         within("share_loss", self.share_loss, 0.0, 1.0, "0 to 1")?;
         within("r_s_m", self.r_s_m, 0.0, 60.0, "0 to 60 m")?;
+        within("declared_r_s_m", self.declared_m(), 0.0, 60.0, "0 to 60 m")?;
         if self.vehicles.is_empty() || self.vehicles.len() > MOST_VEHICLES {
             return Err(EncounterError::Vehicles { found: self.vehicles.len() });
         }
