@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::NoiseModel;
+
 /// More vehicles than anybody flies at once.
 const MOST_VEHICLES: usize = 1_000;
 /// Numbers beyond this are slips, metres.
@@ -41,6 +43,9 @@ pub struct Encounter {
     /// Error radius of positions, the paper's `r_s`, metres.
     #[serde(default = "defaults::r_s_m")]
     pub r_s_m: f64,
+    /// How positions err within it.
+    #[serde(default)]
+    pub noise: NoiseModel,
     /// Of errors and losses.
     #[serde(default = "defaults::seed")]
     pub seed: u64,
@@ -153,6 +158,7 @@ impl Encounter {
             share_period_s: defaults::share_period_s(),
             share_loss: 0.0,
             r_s_m: defaults::r_s_m(),
+            noise: NoiseModel::default(),
             seed: defaults::seed(),
             vehicles,
         }
