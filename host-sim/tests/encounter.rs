@@ -59,6 +59,20 @@ fn the_seed_decides() {
     assert_ne!(with("1")["min_separation_m"], with("2")["min_separation_m"]);
 }
 
+/// The worst errors take of the separation what is planned for them, and own ones count as those of others.
+#[test]
+fn noise_is_chosen_by_the_file() {
+    let with = |noise: &str| {
+        let text = HEAD_ON.replace("\"r_s_m\":2", &format!("\"r_s_m\":2,\"noise\":\"{noise}\""));
+        let bench = Bench::of("encounter").file("noise.json", &text);
+        json(&bench, &["--scenario", "noise.json"])["min_separation_m"].as_f64().expect("a pair")
+    };
+    let (uniform, shared, all) = (with("uniform"), with("adversarial-shared"), with("adversarial"));
+    let usual = json(&bench(), &["--scenario", "head-on.json"])["min_separation_m"].as_f64();
+    assert_eq!(Some(uniform), usual);
+    assert!(all >= 10.0 && shared >= all + 1.0, "{uniform} {shared} {all}");
+}
+
 /// The trajectory shows what the answer says.
 #[test]
 fn the_trajectory_is_where_everybody_was() {
@@ -90,6 +104,9 @@ fn families_are_drawn_and_flown() {
         ("sweep-end", 6),
         ("overtake", 2),
         ("hover", 2),
+        ("intruder", 2),
+        ("head-on", 2),
+        ("shallow", 2),
     ] {
         let answer = json(&bench, &["--generate", family, "--seed", "5"]);
         let told = (&answer["vehicles"], &answer["violations"], &answer["arrived"]);
@@ -107,6 +124,7 @@ fn bad_input_is_refused_by_name() {
         (wrong("\"dt_s\":0.02", "\"dt_s\":0"), "dt_s is 0"),
         (wrong("\"share_loss\":0.0", "\"share_loss\":1.5"), "share_loss is 1.5"),
         (wrong("\"seed\":1", "\"sed\":1"), "unknown field `sed`"),
+        (wrong("\"seed\":1", "\"noise\":\"none\""), "unknown variant `none`, expected one of `uniform`"),
         (wrong("\"id\":2", "\"id\":1"), "vehicles[1].id is 1, as that of vehicles[0]"),
         (wrong("\"id\":2", "\"id\":0"), "vehicles[1].id is 0"),
         (wrong("[10,0,0]", "[11,0,0]"), "vehicles[0].vel_mps is 11"),

@@ -7,10 +7,13 @@ use crate::firmware::{self, BOARDS, EMULATED};
 use crate::process::{self, Failure, Outcome, cargo};
 
 pub(crate) const HELP: &str = "\
-Usage: cargo xtask bench [NAME]
+Usage: cargo xtask bench [NAME [--quick]]
 
-Runs every bench of the host's packages, or only the bench target NAME. Criterion keeps the figures in
-target/criterion/ and compares them with those of the run before.
+Runs every bench of the host's packages, or only the bench target NAME, with --quick for less time. Criterion
+keeps the figures in target/criterion/ and compares them with those of the run before.
+
+`avoid` measures no time: it flies families of encounters with the flight code's avoidance and with others, and
+prints what each keeps and costs. SKYROOST_UPDATE_DOCS=1 puts the table into docs/avoidance.md too.
 
 `board` is another kind: it builds every board's image, flies the emulated board through its worst steps
 and a part of the default mission, and holds instructions, stack, flash and RAM against
@@ -22,10 +25,11 @@ const BOARD: &str = "board";
 
 /// `cargo xtask bench`.
 pub(crate) fn run(args: &[String]) -> Outcome {
-    let target = match args {
-        [] => "*",
-        [name] if !name.starts_with('-') => name,
-        [word, ..] if word.starts_with('-') => {
+    let (target, thoroughness) = match args {
+        [] => ("*", Thoroughness::Full),
+        [name] if !name.starts_with('-') => (name.as_str(), Thoroughness::Full),
+        [name, quick] if !name.starts_with('-') && quick == "--quick" => (name.as_str(), Thoroughness::Quick),
+        [word, ..] | [_, word] if word.starts_with('-') => {
             return Err(Failure::Usage(format!("unknown option `{word}`")));
         }
         _ => return Err(Failure::Usage("more than one bench".into())),
@@ -33,17 +37,22 @@ pub(crate) fn run(args: &[String]) -> Outcome {
     if target == BOARD {
         let toolchain = firmware::toolchain()?;
         BOARDS.iter().try_for_each(|board| board.build(toolchain).map(drop))?;
-        return hold_boards(Thoroughness::Full);
+        return hold_boards(thoroughness);
     }
-    process::run(cargo("bench").args(["--locked", "--bench", target]))
+    let mut command = cargo("bench");
+    command.args(["--locked", "--bench", target]);
+    if thoroughness == Thoroughness::Quick {
+        command.args(["--", "--quick"]);
+    }
+    process::run(&mut command)
 }
 
-/// How long to look for the worst step.
+/// How much to measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Thoroughness {
-    /// Some seconds.
+    /// Seconds.
     Quick,
-    /// A minute or two.
+    /// Minutes.
     Full,
 }
 

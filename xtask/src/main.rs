@@ -43,7 +43,7 @@ const SUBCOMMANDS: [Subcommand; 4] = [
     },
     Subcommand {
         name: "bench",
-        summary: "run the benches, or hold the boards against their budgets",
+        summary: "run the benches, compare avoidance, or hold the boards against their budgets",
         help: bench::HELP,
         run: bench::run,
     },
@@ -112,6 +112,9 @@ mod tests {
             &["test", "fast"],
             &["setup", "--yes"],
             &["bench", "a", "b"],
+            &["bench", "--quick"],
+            &["bench", "a", "--slow"],
+            &["bench", "--slow", "a"],
             &["firmware"],
             &["firmware", "stm32f405"],
             &["firmware", "--board"],

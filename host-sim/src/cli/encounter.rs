@@ -23,12 +23,14 @@ Examples:
       Twenty on a circle, each with its goal opposite; where everybody was at every step.
 
 Input: JSON with d_safe_m, dt_s, duration_s, max_accel_mps2, max_speed_mps, share_delay_s,
-share_period_s, share_loss, r_s_m, seed (each has a default) and vehicles, each with id, pos_m, vel_mps,
-goal_m (metres, ENU) and cooperative. A vehicle that begins with a speed keeps it as its cruise speed.
+share_period_s, share_loss, r_s_m, noise, seed (each has a default) and vehicles, each with id,
+pos_m, vel_mps, goal_m (metres, ENU) and cooperative. A vehicle that begins with a speed keeps it
+as its cruise speed. noise says how positions err: uniform; adversarial, by the whole of r_s_m,
+away from the nearest neighbour; adversarial-shared, so only in what others are told.
 
-Outputs: a summary, or with --json one object: min_separation_m (true centres, continuous time, pairs
-of which one cooperates), violations (such pairs below d_safe_m), vehicles, arrived, arrival_s,
-overhead_fraction (how much longer than alone, on average).
+Outputs: a summary, or with --json one object: min_separation_m (true centres, continuous time,
+pairs of which one cooperates), violations (such pairs below d_safe_m), vehicles, arrived,
+arrival_s, overhead_fraction (how much longer than alone, on average).
 
 Exit status: 0 done, also with violations; 2 wrong usage or bad input (nothing is written).";
 
@@ -97,6 +99,12 @@ enum Kind {
     Overtake,
     /// One past another that hovers
     Hover,
+    /// A crossing where the second does not avoid
+    Intruder,
+    /// Two towards each other on one line
+    HeadOn,
+    /// Two whose ways meet at a small angle
+    Shallow,
 }
 
 /// Why nobody meets.
@@ -162,6 +170,9 @@ impl Kind {
             Self::SweepEnd => Family::SweepEnd,
             Self::Overtake => Family::Overtake,
             Self::Hover => Family::Hover,
+            Self::Intruder => Family::Intruder,
+            Self::HeadOn => Family::HeadOn,
+            Self::Shallow => Family::Shallow,
         }
     }
 
@@ -186,7 +197,7 @@ pub(super) fn run(args: &EncounterArgs) -> Result<Exit, Failure> {
             }
         }
     };
-    let outcome = fly(&encounter, avoidance, &mut watch)
+    let outcome = fly(&encounter, &avoidance, &mut watch)
         .map_err(|error| Failure::Encounter(EncounterFailure::Value { from: source.clone(), error }))?;
     if let Some(file) = &args.trajectory {
         let dir = file.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -34,6 +34,12 @@ pub enum Family {
     Overtake,
     /// One that passes another that hovers, which avoids or does not.
     Hover,
+    /// As [`Family::Crossing`], but the second does not avoid.
+    Intruder,
+    /// Two towards each other on exactly one line.
+    HeadOn,
+    /// Two side by side whose ways meet at a small angle.
+    Shallow,
 }
 
 impl Family {
@@ -41,7 +47,9 @@ impl Family {
     #[must_use]
     pub const fn usual_count(self) -> usize {
         match self {
-            Self::Crossing | Self::Overtake | Self::Hover => 2,
+            Self::Crossing | Self::Overtake | Self::Hover | Self::Intruder | Self::HeadOn | Self::Shallow => {
+                2
+            }
             Self::Circle => 8,
             Self::Box => 20,
             Self::Fleets | Self::SweepEnd => 6,
@@ -61,6 +69,9 @@ pub fn draw(family: Family, count: usize, seed: u64) -> Encounter {
         Family::SweepEnd => sweep_end(&mut dice, count),
         Family::Overtake => overtake(&mut dice),
         Family::Hover => hover(&mut dice),
+        Family::Intruder => with_intruder(apart(|| crossing(&mut dice))),
+        Family::HeadOn => head_on(&mut dice),
+        Family::Shallow => shallow(&mut dice),
     };
     Encounter { seed, duration_s: 300.0, ..Encounter::of(vehicles) }
 }
@@ -186,4 +197,26 @@ fn hover(dice: &mut Dice) -> Vec<VehicleSpec> {
     let beside_m = dice.within(-8.0, 8.0);
     let passing = vehicle(0, [-150.0, beside_m], [150.0, 0.0], dice.within(4.0, 10.0));
     vec![passing, VehicleSpec { cooperative: dice.chance(), ..vehicle(1, [0.0; 2], [0.0; 2], 0.0) }]
+}
+
+fn with_intruder(mut vehicles: Vec<VehicleSpec>) -> Vec<VehicleSpec> {
+    for vehicle in vehicles.iter_mut().skip(1) {
+        vehicle.cooperative = false;
+    }
+    vehicles
+}
+
+fn head_on(dice: &mut Dice) -> Vec<VehicleSpec> {
+    let (west, east) = ([-200.0, 0.0], [200.0, 0.0]);
+    vec![vehicle(0, west, east, dice.within(4.0, 10.0)), vehicle(1, east, west, dice.within(4.0, 10.0))]
+}
+
+fn shallow(dice: &mut Dice) -> Vec<VehicleSpec> {
+    // They would meet halfway, at nearly one time.
+    let (beside_m, slope, speed_mps) = (25.0, dice.within(0.05, 0.2), dice.within(6.0, 9.5));
+    let way_m = 2.0 * beside_m / slope;
+    vec![
+        vehicle(0, [0.0, beside_m], [way_m, -beside_m], speed_mps),
+        vehicle(1, [0.0, -beside_m], [way_m, beside_m], speed_mps + dice.within(-0.3, 0.3)),
+    ]
 }

@@ -14,6 +14,7 @@ mod scenario;
 mod tests;
 
 pub use families::{Family, draw};
+pub use noise::NoiseModel;
 pub use scenario::{Encounter, EncounterError, VehicleSpec, Vertical};
 
 use skyroost_firmware::avoid::{self, Rule, Separation, pca::Mover};
@@ -31,6 +32,26 @@ use noise::Noise;
 /// A goal counts as reached within this distance, metres.
 const ARRIVED_M: f64 = 5.0;
 
+/// What a vehicle knows when it decides.
+pub struct Knowledge<'a> {
+    /// The time.
+    pub now: TimePs,
+    /// Itself, as it measures.
+    pub own: Mover,
+    /// The velocity to its goal, were it alone, m/s.
+    pub wanted_mps: Vec3,
+    /// What it has heard of the others.
+    pub peers: &'a PeerTable,
+    /// What it must keep.
+    pub separation: Separation,
+}
+
+/// Any way to avoid others.
+pub trait Steering {
+    /// The velocity to command, m/s.
+    fn steer(&self, known: &Knowledge<'_>) -> Vec3;
+}
+
 /// What a vehicle does about others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Avoidance {
@@ -40,6 +61,18 @@ pub enum Avoidance {
     Off,
     /// The paper's pairwise rule (13) to (17), its signs mended.
     LiteralPca,
+}
+
+impl Steering for Avoidance {
+    fn steer(&self, known: &Knowledge<'_>) -> Vec3 {
+        let Knowledge { now, own, wanted_mps, peers, separation } = known;
+        let rule = match self {
+            Self::Off => return *wanted_mps,
+            Self::On => Rule::HalfPlanes,
+            Self::LiteralPca => Rule::LiteralPca,
+        };
+        avoid::avoid(*now, own, *wanted_mps, peers, separation, rule).vel_enu_mps
+    }
 }
 
 /// What came of it.
@@ -58,17 +91,17 @@ pub struct Outcome {
 /// Where everybody is at a time.
 pub type Watch<'a> = dyn FnMut(f64, &[(u16, V3)]) + 'a;
 
-/// Flies an encounter.
+/// Flies an encounter. Those that do not cooperate fly straight on, whatever the steering.
 ///
 /// # Errors
 /// [`EncounterError`] names what cannot be flown.
 pub fn fly(
     encounter: &Encounter,
-    avoidance: Avoidance,
+    steering: &dyn Steering,
     watch: &mut Watch<'_>,
 ) -> Result<Outcome, EncounterError> {
     encounter.check()?;
-    let mut flight = Flight::new(encounter, avoidance);
+    let mut flight = Flight::new(encounter, steering);
     flight.run(watch);
     Ok(flight.outcome())
 }
@@ -93,18 +126,18 @@ struct Pilot<'a> {
 
 struct Flight<'a> {
     encounter: &'a Encounter,
-    avoidance: Avoidance,
+    steering: &'a dyn Steering,
     pilots: Vec<Pilot<'a>>,
     /// Least distance of every pair, by its first and second.
     least_m: Vec<f64>,
 }
 
 impl<'a> Flight<'a> {
-    fn new(encounter: &'a Encounter, avoidance: Avoidance) -> Self {
+    fn new(encounter: &'a Encounter, steering: &'a dyn Steering) -> Self {
         let pilot = |spec: &'a VehicleSpec| Pilot {
             spec,
             body: Body { pos_m: spec.pos_m.into(), vel_mps: spec.vel_mps.into() },
-            noise: Noise::new(encounter.seed, spec.id, encounter.r_s_m),
+            noise: Noise::new(encounter.noise, encounter.seed, spec.id, encounter.r_s_m),
             peers: PeerTable::new(),
             counters: Counters::default(),
             inbox: Vec::new(),
@@ -113,7 +146,7 @@ impl<'a> Flight<'a> {
         };
         let pilots: Vec<Pilot<'a>> = encounter.vehicles.iter().map(pilot).collect();
         let least_m = vec![f64::INFINITY; pilots.len() * pilots.len()];
-        Self { encounter, avoidance, pilots, least_m }
+        Self { encounter, steering, pilots, least_m }
     }
 
     fn run(&mut self, watch: &mut Watch<'_>) {
@@ -123,6 +156,7 @@ impl<'a> Flight<'a> {
         let (mut decisions, mut shares) = (0u64, 0u64);
         for step in 0..=steps {
             let now_s = step as f64 * encounter.dt_s;
+            self.mislead();
             if now_s + 1e-9 >= shares as f64 * encounter.share_period_s {
                 self.share(now_s, shares == 0);
                 shares += 1;
@@ -148,12 +182,25 @@ impl<'a> Flight<'a> {
         self.pilots.iter().all(|pilot| pilot.body.vel_mps.norm() < 0.05)
     }
 
+    /// Tells noise that depends on it who is nearest to whom.
+    fn mislead(&mut self) {
+        if self.encounter.noise == NoiseModel::Uniform {
+            return;
+        }
+        let places_m: Vec<V3> = self.pilots.iter().map(|pilot| pilot.body.pos_m).collect();
+        for (index, pilot) in self.pilots.iter_mut().enumerate() {
+            let others = places_m.iter().enumerate().filter(|&(other, _)| other != index);
+            let ways_m = others.map(|(_, other_m)| places_m[index] - other_m);
+            pilot.noise.nearest(ways_m.min_by(|a, b| a.norm().total_cmp(&b.norm())));
+        }
+    }
+
     /// Everybody tells everybody. The first states are known at once.
     fn share(&mut self, now_s: f64, first: bool) {
         let encounter = self.encounter;
         for sender in 0..self.pilots.len() {
             let pilot = &mut self.pilots[sender];
-            let pos_m = pilot.noise.position(pilot.body.pos_m);
+            let pos_m = pilot.noise.shared_position(pilot.body.pos_m);
             let vel_mps = pilot.noise.velocity(pilot.body.vel_mps);
             let state = SharedState {
                 time: time(now_s),
@@ -177,7 +224,7 @@ impl<'a> Flight<'a> {
 
     fn decide(&mut self, now_s: f64) {
         for pilot in &mut self.pilots {
-            pilot.decide(now_s, self.encounter, self.avoidance);
+            pilot.decide(now_s, self.encounter, self.steering);
         }
     }
 
@@ -223,13 +270,13 @@ impl<'a> Flight<'a> {
 /// How long a vehicle takes with nobody about, and knowing where it is.
 fn alone_s(encounter: &Encounter, spec: &VehicleSpec) -> Option<f64> {
     let alone = Encounter { vehicles: vec![spec.clone()], r_s_m: 0.0, ..encounter.clone() };
-    let mut flight = Flight::new(&alone, Avoidance::Off);
+    let mut flight = Flight::new(&alone, &Avoidance::Off);
     flight.run(&mut |_, _| {});
     flight.pilots[0].arrived_s.filter(|&s| s > 0.0)
 }
 
 impl Pilot<'_> {
-    fn decide(&mut self, now_s: f64, encounter: &Encounter, avoidance: Avoidance) {
+    fn decide(&mut self, now_s: f64, encounter: &Encounter, steering: &dyn Steering) {
         let now = time(now_s);
         let pos_m = self.noise.position(self.body.pos_m);
         let vel_mps = self.noise.velocity(self.body.vel_mps);
@@ -244,22 +291,15 @@ impl Pilot<'_> {
         });
         let cruise_mps = self.spec.cruise_mps(encounter.max_speed_mps);
         let goal = single(self.spec.goal_m.into());
-        let wanted = goto::velocity(&own.pos_enu_m, &goal, cruise_mps as f32, VERTICAL_MPS as f32);
+        let wanted_mps = goto::velocity(&own.pos_enu_m, &goal, cruise_mps as f32, VERTICAL_MPS as f32);
         let separation = Separation {
             d_safe_m: encounter.d_safe_m as f32,
             own_error_m: encounter.declared_m() as f32,
             max_speed_mps: encounter.max_speed_mps as f32,
             vertical: encounter.vertical.into(),
         };
-        let rule = match avoidance {
-            _ if !self.spec.cooperative => None,
-            Avoidance::Off => None,
-            Avoidance::On => Some(Rule::HalfPlanes),
-            Avoidance::LiteralPca => Some(Rule::LiteralPca),
-        };
-        let command = rule.map_or(wanted, |rule| {
-            avoid::avoid(now, &own, wanted, &self.peers, &separation, rule).vel_enu_mps
-        });
+        let known = Knowledge { now, own, wanted_mps, peers: &self.peers, separation };
+        let command = if self.spec.cooperative { steering.steer(&known) } else { wanted_mps };
         self.command_mps = command.map(f64::from);
         self.command_mps.z = self.command_mps.z.clamp(-VERTICAL_MPS, VERTICAL_MPS);
     }

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::NoiseModel;
+
 /// More vehicles than anybody flies at once.
 const MOST_VEHICLES: usize = 1_000;
 /// Numbers beyond this are slips, metres.
@@ -47,6 +49,9 @@ pub struct Encounter {
     /// Whether vehicles give way up and down.
     #[serde(default)]
     pub vertical: Vertical,
+    /// How positions err within it.
+    #[serde(default)]
+    pub noise: NoiseModel,
     /// Of errors and losses.
     #[serde(default = "defaults::seed")]
     pub seed: u64,
@@ -184,6 +189,7 @@ impl Encounter {
             r_s_m: defaults::r_s_m(),
             declared_r_s_m: None,
             vertical: Vertical::default(),
+            noise: NoiseModel::default(),
             seed: defaults::seed(),
             vehicles,
         }

@@ -8,7 +8,7 @@ fn flown(family: Family, count: usize, seeds: u64, change: impl Fn(&mut Encounte
     for seed in 1..=seeds {
         let mut encounter = draw(family, count, seed);
         change(&mut encounter);
-        let outcome = fly(&encounter, Avoidance::On, &mut |_, _| {}).unwrap();
+        let outcome = fly(&encounter, &Avoidance::On, &mut |_, _| {}).unwrap();
         let told =
             format!("skyroost encounter --generate {family:?} --vehicles {count} --seed {seed}: {outcome:?}");
         assert_eq!(outcome.violations, 0, "{told}");
@@ -45,9 +45,31 @@ fn losses_and_delays_are_borne() {
 }
 
 #[test]
+fn adversarial_errors_are_borne() {
+    for noise in [NoiseModel::Adversarial, NoiseModel::AdversarialShared] {
+        flown(Family::Crossing, 2, 100, |encounter| encounter.noise = noise);
+        flown(Family::Box, 20, 1, |encounter| encounter.noise = noise);
+    }
+}
+
+/// A steering of one's own is asked with what is known, and obeyed by those who cooperate.
+#[test]
+fn any_steering_flies() {
+    struct Stay;
+    impl Steering for Stay {
+        fn steer(&self, known: &Knowledge<'_>) -> Vec3 {
+            assert_eq!(known.peers.iter().count(), 1);
+            Vec3::zeros()
+        }
+    }
+    let outcome = fly(&draw(Family::Intruder, 2, 1), &Stay, &mut |_, _| {}).unwrap();
+    assert!(outcome.arrival_s[0].is_none() && outcome.arrival_s[1].is_some(), "{outcome:?}");
+}
+
+#[test]
 fn without_avoidance_they_collide_and_the_papers_rule_violates() {
     let violating = |avoidance| {
-        let one = |seed| fly(&draw(Family::Crossing, 2, seed), avoidance, &mut |_, _| {}).unwrap();
+        let one = |seed| fly(&draw(Family::Crossing, 2, seed), &avoidance, &mut |_, _| {}).unwrap();
         (1..=100).filter(|&seed| one(seed).violations > 0).count()
     };
     assert!(violating(Avoidance::Off) > 90);
