@@ -47,7 +47,7 @@ pub struct Separation {
 /// shared state and their braking ways, metres.
 const REACH_M: f32 = 320.0;
 /// Beyond `d_safe` and both error radii, metres: tracking error of the velocity loop.
-const PLAN_SLACK_M: f32 = 0.5;
+pub const PLAN_SLACK_M: f32 = 0.5;
 
 /// The gate keeps less than the plan, so that it speaks where the plan fails, metres.
 const GATE_LESS_M: f32 = 1.5;

@@ -125,7 +125,10 @@ impl From<BackendError> for RunError {
 
 impl From<MissionError> for RunError {
     fn from(error: MissionError) -> Self {
-        Self::Link(error.to_string())
+        match error {
+            MissionError::Goals(conflict) => Self::Infeasible(conflict.to_string()),
+            other => Self::Link(other.to_string()),
+        }
     }
 }
 

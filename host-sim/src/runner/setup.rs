@@ -33,6 +33,7 @@ use crate::{
 };
 use skyroost_firmware::{
     STEP_S,
+    avoid::PLAN_SLACK_M,
     config::{AgentConfig, SupervisorConfig},
     guidance::{formation::Slot, lanes::Lanes},
     srs::{clock::TickRate, discipline::Oscillator},
@@ -45,8 +46,8 @@ use std::f64::consts::{FRAC_PI_2, SQRT_2};
 
 /// Climb to the altitude of flight, metres a second.
 const CLIMB_MPS: f64 = 2.5;
-/// Avoidance plans with this much beyond `d_safe` and both error radii, metres.
-const GOAL_SLACK_M: f64 = 1.0;
+/// Placements are this much farther apart than avoidance plans with, metres.
+const GOAL_SLACK_M: f64 = 0.5;
 
 /// Everything ready to fly.
 pub(super) struct Setup {
@@ -194,6 +195,7 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
         PlannedDrone { id: DroneId(index as u16 + 1), pad_m: pad.push(0.0), fleet }
     });
     let gnss = gnss(scenario);
+    let d_plan_m = table.d_safe_m + 2.0 * table.r_s_m + f64::from(PLAN_SLACK_M);
     MissionPlan {
         drones: drones.collect(),
         fleets,
@@ -204,7 +206,8 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
         altitude_m: table.altitude_m,
         radius_m: table.radius_m,
         d_safe_m: table.d_safe_m,
-        min_goal_distance_m: table.d_safe_m + 2.0 * table.r_s_m + GOAL_SLACK_M,
+        d_plan_m,
+        min_goal_distance_m: d_plan_m + GOAL_SLACK_M,
         srs: SrsConfig {
             period: TimePs((scenario.srs.period_s * 1e12) as i64),
             max_per_period: (f64::from(scenario.srs.max_per_second) * scenario.srs.period_s) as usize,

@@ -4,6 +4,7 @@
 //! until acknowledged ([`drone`]); measurements are not repeated, as the next occasion is a second away.
 
 pub mod drone;
+mod goals;
 pub mod plan;
 mod refine;
 mod stages;
@@ -20,6 +21,7 @@ use crate::{
     geometry::{V2, V3},
 };
 use drone::{DroneFailure, DroneLink};
+pub use goals::GoalConflict;
 use plan::MissionPlan;
 use refine::Refinement;
 use skyroost_protocol::{
@@ -121,6 +123,9 @@ pub enum MissionError {
         /// Who is waited for.
         waiting: String,
     },
+    /// Two drones cannot both be where they are wanted.
+    #[error(transparent)]
+    Goals(#[from] GoalConflict),
     /// A measurement that no estimator can use came through every check.
     #[error(transparent)]
     Localize(#[from] LocalizeError),

@@ -30,7 +30,9 @@ pub struct MissionPlan {
     pub radius_m: f64,
     /// Separation of true centres (the paper's `d_safe`), metres.
     pub d_safe_m: f64,
-    /// Least distance of two placements: what avoidance plans with, so that both can be held.
+    /// What avoidance plans with: goals that are nearer to each other cannot both be held, metres.
+    pub d_plan_m: f64,
+    /// Least distance of two placements, some more than `d_plan_m`, metres.
     pub min_goal_distance_m: f64,
     /// How often users are asked.
     pub srs: SrsConfig,

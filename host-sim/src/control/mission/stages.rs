@@ -3,6 +3,7 @@
 use super::{
     ControlCenter, MissionError, Stage, Station, Target,
     drone::DroneLink,
+    goals::{GoalConflict, conflict},
     pos_m,
     refine::{Refinement, Seen},
 };
@@ -44,7 +45,7 @@ impl ControlCenter {
                 self.send_off(now);
                 self.deployed(now).then_some(Stage::Refine)
             }
-            Stage::Refine => self.refined(now).then_some(Stage::Serve),
+            Stage::Refine => self.refined(now)?.then_some(Stage::Serve),
             Stage::Serve => None,
         };
         match next {
@@ -164,6 +165,7 @@ impl ControlCenter {
         let fleet = Fleet { drones: self.drones.len(), min_separation_m: self.plan.min_goal_distance_m };
         let placement = place_expected(&beliefs, self.plan.radius_m, fleet)?;
         self.targets = self.assign_targets(&placement);
+        self.check_goals()?;
         for target in &self.targets {
             if target.station.is_none() && self.plan.drones[target.drone].fleet.is_some() {
                 self.drones[target.drone].command(Command::ReturnHome);
@@ -197,6 +199,13 @@ impl ControlCenter {
             Some(Station { site, pos_m })
         };
         (0..self.drones.len()).map(|drone| Target { drone, station: station_of(drone) }).collect()
+    }
+
+    /// Refuses goals that cannot all be held.
+    fn check_goals(&self) -> Result<(), GoalConflict> {
+        let goals: Vec<_> =
+            self.stations().map(|(drone, pos_m)| (self.plan.drones[drone].id, pos_m)).collect();
+        conflict(&goals, self.plan.d_plan_m).map_or(Ok(()), Err)
     }
 
     /// Where a drone is; a reserve that never flew is on its pad.
@@ -252,8 +261,8 @@ impl ControlCenter {
     }
 
     /// Moves drones where that promises more; true when there is nothing left to win.
-    fn refined(&mut self, now: TimePs) -> bool {
-        let Some(mut refinement) = self.refinement.take() else { return true };
+    fn refined(&mut self, now: TimePs) -> Result<bool, GoalConflict> {
+        let Some(mut refinement) = self.refinement.take() else { return Ok(true) };
         let seen = |(drone, _): (usize, V2)| match self.drones[drone].phase(now) {
             Some(FlightPhase::Serve) => Seen::Serving(self.drone_pos_m(drone)),
             Some(FlightPhase::GoTo) | None => Seen::UnderWay,
@@ -270,7 +279,8 @@ impl ControlCenter {
         if !done {
             self.refinement = Some(refinement);
         }
-        done
+        self.check_goals()?;
+        Ok(done)
     }
 }
 
