@@ -570,6 +570,7 @@ fn header(mission: MissionId, waypoints: usize) -> MissionHeader {
         home: PosEnuMm([0, 0, 0]),
         waypoints: waypoints as u16,
         d_safe_mm: 10_000,
+        walls: 0,
     }
 }
 

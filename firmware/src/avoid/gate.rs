@@ -5,10 +5,10 @@
 //! as everybody's velocity passes, everybody can stop, whatever the others do next, and standing drones keep apart.
 //! A velocity that does not pass is turned and slowed until it does.
 
-use super::pca::Mover;
+use super::{halfplanes::HalfPlane, pca::Mover};
 use crate::{
     Vec3,
-    scalar::{greater, within},
+    scalar::{greater, lesser, within},
 };
 
 /// Braking that is counted on, metres a second squared: below what the airframe can do.
@@ -59,11 +59,18 @@ pub struct Neighbour {
 }
 
 /// The velocity nearest to `wanted` among the turns and speeds that pass, or the one with the most room if none does.
+///
+/// None is turned towards one of the `walls` more than its row allows, or than `wanted` is already.
 #[must_use]
-pub fn passing(own: &Mover, wanted: Vec3, neighbours: &[Neighbour]) -> Vec3 {
+pub fn passing(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], walls: &[HalfPlane]) -> Vec3 {
+    let free =
+        |v: &Vec3| walls.iter().all(|row| row.normal.dot(v) >= lesser(row.at_least, row.normal.dot(&wanted)));
     let mut best = (f32::NEG_INFINITY, wanted);
     for (along, left) in TRIES {
         let v = Vec3::new(along * wanted.x - left * wanted.y, left * wanted.x + along * wanted.y, wanted.z);
+        if !free(&v) {
+            continue;
+        }
         let room_m = room_m(own, &v, neighbours);
         if room_m >= 0.0 {
             return v;
@@ -92,7 +99,7 @@ fn room_m(own: &Mover, v: &Vec3, neighbours: &[Neighbour]) -> f32 {
         if distance_m - ways_m >= keep_m {
             continue;
         }
-        least = crate::scalar::lesser(least, closest_m(&l, v, &other.vel_enu_mps) - keep_m);
+        least = lesser(least, closest_m(&l, v, &other.vel_enu_mps) - keep_m);
     }
     least
 }
@@ -104,7 +111,7 @@ fn closest_m(l: &Vec3, v: &Vec3, w: &Vec3) -> f32 {
     let piece_s = greater(stop_s, other_stop_s) / f32::from(PIECES);
     // Way after a time as a multiple of the velocity: t - t^2 / 2 T until it stops at T.
     let way = |t: f32, stop_s: f32| {
-        let t = crate::scalar::lesser(t, stop_s);
+        let t = lesser(t, stop_s);
         if stop_s > 0.0 { t - 0.5 * t * t / stop_s } else { 0.0 }
     };
     let mut from = *l;
@@ -115,7 +122,7 @@ fn closest_m(l: &Vec3, v: &Vec3, w: &Vec3) -> f32 {
         let step = to - from;
         let square = step.norm_squared();
         let share = if square > 0.0 { within(-from.dot(&step) / square, 0.0, 1.0) } else { 0.0 };
-        least = crate::scalar::lesser(least, (from + step * share).norm_squared());
+        least = lesser(least, (from + step * share).norm_squared());
         from = to;
     }
     libm::sqrtf(least)

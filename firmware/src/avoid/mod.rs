@@ -10,6 +10,7 @@ pub mod gate;
 pub mod halfplanes;
 mod literal;
 pub mod pca;
+pub mod walls;
 
 use crate::{
     Vec3,
@@ -21,6 +22,7 @@ use halfplanes::{HalfPlane, MAX_ROWS};
 use heapless::Vec;
 use pca::Mover;
 use skyroost_protocol::units::TimePs;
+use walls::Wall;
 
 /// How conflicts are solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,18 +63,20 @@ pub struct Avoided {
     pub active: bool,
 }
 
-/// The velocity nearest to `wanted` that keeps the separation from every neighbour in `peers`.
+/// The velocity nearest to `wanted` that keeps the separation from every neighbour in `peers` and meets none of the
+/// `walls`, which the paper's rule knows nothing of.
 #[must_use]
 pub fn avoid(
     now: TimePs,
     own: &Mover,
     wanted: Vec3,
     peers: &PeerTable,
+    walls: impl Iterator<Item = Wall>,
     separation: &Separation,
     rule: Rule,
 ) -> Avoided {
     match rule {
-        Rule::HalfPlanes => by_halfplanes(now, own, wanted, peers, separation),
+        Rule::HalfPlanes => by_halfplanes(now, own, wanted, peers, walls, separation),
         Rule::LiteralPca => {
             let shares = literal::displacement_mps(now, own, peers, separation);
             let active = shares.norm_squared() > 0.0;
@@ -86,6 +90,7 @@ fn by_halfplanes(
     own: &Mover,
     wanted: Vec3,
     peers: &PeerTable,
+    walls: impl Iterator<Item = Wall>,
     separation: &Separation,
 ) -> Avoided {
     let mut rows: Vec<HalfPlane, MAX_ROWS> = Vec::new();
@@ -100,13 +105,15 @@ fn by_halfplanes(
         let keep_m = d_plan_m - GATE_LESS_M;
         let _ = neighbours.push(Neighbour { mover: other, keep_m });
         pca::rows(own, &other, d_plan_m, |row| {
-            // Two rows a neighbour and 32 neighbours fit MAX_ROWS.
+            // Two rows a neighbour, 32 neighbours and the walls fit MAX_ROWS.
             let _ = rows.push(row);
         });
     }
+    // Last, so that every sweep over the rows ends with what does not give way.
+    let first_wall = walls::add_rows(own, walls, separation.own_error_m + PLAN_SLACK_M, &mut rows);
     let clear = rows.iter().all(|row| row.allows(&wanted));
     let nearest =
         if clear { wanted } else { limited(halfplanes::nearest(wanted, &rows), separation.max_speed_mps) };
-    let vel_enu_mps = gate::passing(own, nearest, &neighbours);
+    let vel_enu_mps = gate::passing(own, nearest, &neighbours, rows.get(first_wall..).unwrap_or_default());
     Avoided { vel_enu_mps, active: vel_enu_mps != wanted }
 }

@@ -255,7 +255,7 @@ impl Pilot<'_> {
             Avoidance::LiteralPca => Some(Rule::LiteralPca),
         };
         let command = rule.map_or(wanted, |rule| {
-            avoid::avoid(now, &own, wanted, &self.peers, &separation, rule).vel_enu_mps
+            avoid::avoid(now, &own, wanted, &self.peers, std::iter::empty(), &separation, rule).vel_enu_mps
         });
         self.command_mps = command.map(f64::from);
         self.command_mps.z = self.command_mps.z.clamp(-VERTICAL_MPS, VERTICAL_MPS);

@@ -153,6 +153,7 @@ impl ControlCenter {
                 home: PosEnuMm(planned.pad_m.map(|m| mm_from_m(m as f32)).into()),
                 waypoints: waypoints.len() as u16,
                 d_safe_mm: (plan.d_safe_m * 1e3) as u16,
+                walls: 0,
             };
             link.upload(header, waypoints);
         }
