@@ -206,6 +206,8 @@ pub struct ControlCenter {
     localization: Localization,
     placement: Option<Placement>,
     targets: Vec<Target>,
+    /// Where each drone was sent last in the second stage: its goal, or a corner on the way there.
+    legs: Vec<Option<V2>>,
     refinement: Option<Refinement>,
     events: Vec<OperatorEvent>,
     counters: ControlCounters,
@@ -221,6 +223,7 @@ impl ControlCenter {
         let running = Running::new(plan.localize, groups);
         Self {
             drones: plan.drones.iter().map(|d| DroneLink::new(d.id)).collect(),
+            legs: vec![None; plan.drones.len()],
             schedules,
             running,
             solve_at: FIRST_SOLUTION,

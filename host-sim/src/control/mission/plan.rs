@@ -1,7 +1,7 @@
 //! What the control center is told before a mission: who flies, from where, along which lanes.
 
 use crate::{
-    control::{localize::LocalizeConfig, srs_schedule::SrsConfig},
+    control::{airspace::Airspace, localize::LocalizeConfig, srs_schedule::SrsConfig},
     geometry::{V2, V3},
 };
 use skyroost_protocol::{
@@ -16,6 +16,10 @@ pub struct MissionPlan {
     pub drones: Vec<PlannedDrone>,
     /// The fleets with their lanes.
     pub fleets: Vec<PlannedFleet>,
+    /// Where drones may be, and the ways there.
+    pub airspace: Airspace,
+    /// The walls that every drone holds, as waypoints of its mission.
+    pub walls_mm: Vec<[i32; 2]>,
     /// Side of the triangle (the paper's `d`), metres.
     pub spacing_m: f64,
     /// How the triangle turns.
