@@ -98,7 +98,7 @@ fn mission(options: QemuOptions, duration_s: f64) -> Vec<BoardReport> {
         origin_lon_lat_deg: None,
         left_out: Vec::new(),
     };
-    let input = MissionInput { scenario, area, users: None };
+    let input = MissionInput { scenario, area, obstacles: Vec::new(), fence: None, users: None };
     let cancel = AtomicBool::new(false);
     let backend = Backend::Qemu(options);
     let options = RunOptions { threads: 2, backend, cancel: &cancel, progress: &|_| {} };
@@ -570,6 +570,7 @@ fn header(mission: MissionId, waypoints: usize) -> MissionHeader {
         home: PosEnuMm([0, 0, 0]),
         waypoints: waypoints as u16,
         d_safe_mm: 10_000,
+        walls: 0,
     }
 }
 

@@ -24,6 +24,8 @@ fn main() {
             origin_lon_lat_deg: None,
             left_out: Vec::new(),
         },
+        obstacles: Vec::new(),
+        fence: None,
         users: None,
     };
     let cancel = AtomicBool::new(false);

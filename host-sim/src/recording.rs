@@ -18,6 +18,8 @@ pub struct Recording {
     pub area_m: Vec<Vec<[f64; 2]>>,
     /// Where no drone may fly: anticlockwise rings, which may overlap each other and the area's borders.
     pub no_fly_m: Vec<Vec<[f64; 2]>>,
+    /// What no drone may leave: an anticlockwise ring.
+    pub fence_m: Vec<[f64; 2]>,
     /// Longitude and latitude of the local origin, when the area came in WGS84.
     pub origin_lon_lat_deg: Option<[f64; 2]>,
     /// What each fleet was told to sweep.

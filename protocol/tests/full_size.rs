@@ -110,6 +110,7 @@ fn down() {
         home: POS,
         waypoints: u16::MAX,
         d_safe_mm: u16::MAX,
+        walls: u16::MAX,
     };
     let entry = SrsRequestEntry { user: UserId(u32::MAX), serving: DroneId(u16::MAX) };
     let request =
@@ -120,7 +121,7 @@ fn down() {
     let messages = [
         (Down::Welcome { version: 255, schema_hash: u32::MAX }, 7),
         (Down::Heartbeat, 1),
-        (command(Command::UploadBegin(header)), 60),
+        (command(Command::UploadBegin(header)), 63),
         (command(Command::UploadCommit { mission: MissionId(u16::MAX), lanes_crc: u32::MAX }), 13),
         (command(Command::TakeOff), 5),
         (command(Command::StartSweep { at: TIME }), 15),

@@ -61,7 +61,7 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (2, 0xdcb6_3aa3));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (3, 0xc01f_1459));
     assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 204, 16, 235, 242));
 }
 
@@ -69,10 +69,10 @@ fn sizes_and_schema() {
 fn whole_frame() {
     let frame = encode(&STAMP, &Up::Heartbeat).expect("a frame holds every message");
     //                    magic version kind flags sender epoch sequence length body
-    let expected = bytes_of("5352   02    01   00   0300  0700  40e20100  0100   02");
+    let expected = bytes_of("5352   03    01   00   0300  0700  40e20100  0100   02");
     assert_eq!(&frame[..], expected);
     let header = Header {
-        version: 2,
+        version: 3,
         kind: Kind::Up,
         flags: 0,
         sender: DroneId(3),
@@ -85,7 +85,7 @@ fn whole_frame() {
 
 #[test]
 fn a_tagged_frame_is_understood_and_refused() {
-    let mut frame = bytes_of("5352 02 01 01 0300 0700 40e20100 0100 02");
+    let mut frame = bytes_of("5352 03 01 01 0300 0700 40e20100 0100 02");
     assert_eq!(frame[4], FLAG_TAG);
     assert_eq!(decode(&frame), Err(DecodeError::Truncated));
     frame.extend([0xaa; TAG_LEN]);
@@ -96,11 +96,11 @@ fn a_tagged_frame_is_understood_and_refused() {
 
 #[test]
 fn whole_stream_frame() {
-    // CRC-32 by Python's zlib.crc32: 0x276599db; each COBS code counts to the next zero.
-    let frame = bytes_of("5352 02 01 00 0300 0700 40e20100 0100 02");
+    // CRC-32 by Python's zlib.crc32: 0xba6a78ad; each COBS code counts to the next zero.
+    let frame = bytes_of("5352 03 01 00 0300 0700 40e20100 0100 02");
     let mut out = StreamFrame::new();
     encode_stream(&frame, &mut out).expect("a frame fits the link");
-    assert_eq!(&out[..], bytes_of("00 0553520201 0203 0207 0440e201 0201 0602db996527 00"));
+    assert_eq!(&out[..], bytes_of("00 0553520301 0203 0207 0440e201 0201 0602ad786aba 00"));
 }
 
 /// Postcard's specification worked by hand, bit by bit.
@@ -144,7 +144,7 @@ fn truth_of_the_specification() {
 fn refuses_padded_varints() {
     let body_of = |body_hex: &str| {
         let body = bytes_of(body_hex);
-        let mut frame = bytes_of("5352 02 01 00 0300 0700 40e20100");
+        let mut frame = bytes_of("5352 03 01 00 0300 0700 40e20100");
         frame.extend((body.len() as u16).to_le_bytes());
         frame.extend(body);
         decode(&frame).map(|(_, message)| message)
@@ -313,10 +313,11 @@ fn commands() {
         home: PosEnuMm([1, -2, 3]),
         waypoints: 512,
         d_safe_mm: 10_000,
+        walls: 7,
     };
     let reserve =
         MissionHeader { fleet: None, mates: [DroneId(0); 3], slot: 0, heading: Heading::Fixed, ..header };
-    let tail = "c518 904e e0a712 02 03 06 8004 904e";
+    let tail = "c518 904e e0a712 02 03 06 8004 904e 07";
     down(command(Command::UploadBegin(header)), &format!("02 2a 00 4d 01 01 04 05 06 02 d08603 01 {tail}"));
     down(command(Command::UploadBegin(reserve)), &format!("02 2a 00 4d 00 00 00 00 00 d08603 00 {tail}"));
     let commit = Command::UploadCommit { mission: MissionId(77), lanes_crc: 0x1234_5678 };

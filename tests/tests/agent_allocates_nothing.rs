@@ -66,6 +66,7 @@ fn said(step: i64) -> Option<Down> {
         home: PosEnuMm::default(),
         waypoints: LANES_MM.len() as u16,
         d_safe_mm: 10_000,
+        walls: 0,
     };
     match step {
         10 => command(1, Command::UploadBegin(header)),

@@ -38,7 +38,7 @@ pub(super) struct Mission {
 }
 
 impl Mission {
-    /// Checks an upload and lays its lanes; none when it is not for drone `me` or cannot be flown.
+    /// Checks an upload, lays its lanes and raises its walls; none when it is not for drone `me` or cannot be flown.
     pub(super) fn new(me: DroneId, header: &MissionHeader, lanes: &mut Lanes) -> Option<Self> {
         let spacing_m = header.spacing_mm as f32 * 1e-3;
         let speed_mps = m_from_mm(i32::from(header.speed_mmps));
@@ -52,6 +52,7 @@ impl Mission {
         if header.fleet.is_some() {
             lanes.lay(speed_mps, max_turn_radps).ok()?;
         }
+        lanes.raise_walls();
         let orientation_rad = f32::from(header.orientation_mrad) * 1e-3;
         Some(Self {
             header: *header,

@@ -180,7 +180,8 @@ impl FlightAgent {
             vertical: Vertical::default(),
         };
         let own = Mover { pos_enu_m: nav.pos_enu_m, vel_enu_mps: nav.vel_enu_mps };
-        let avoided = avoid::avoid(now, &own, wanted, &self.peers, &separation, Rule::HalfPlanes);
+        let avoided =
+            avoid::avoid(now, &own, wanted, &self.peers, self.lanes.walls(), &separation, Rule::HalfPlanes);
         let mut vel = limited(avoided.vel_enu_mps, limits.max_speed_mps);
         vel.z = within(vel.z, -limits.max_vertical_mps, limits.max_vertical_mps);
         let accel_enu_mps2 = if avoided.active { Vec3::zeros() } else { accel };

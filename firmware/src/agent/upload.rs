@@ -36,7 +36,7 @@ impl Upload {
         Self { header: None, arrived: [0; MAP_WORDS] }
     }
 
-    /// Announces a mission; false when it is too long. The same one again keeps the pieces that have
+    /// Announces a mission; false when it is too long, or has more walls than waypoints for them. The same one again keeps the pieces that have
     /// arrived.
     pub(super) fn begin(&mut self, header: &MissionHeader, lanes: &mut Lanes) -> bool {
         let count = usize::from(header.waypoints);
@@ -45,7 +45,7 @@ impl Upload {
         }
         self.header = Some(*header);
         self.arrived = [0; MAP_WORDS];
-        lanes.open(count).is_ok()
+        lanes.open(count, usize::from(header.walls)).is_ok()
     }
 
     /// Takes in a piece; one that does not belong to the announced mission is counted.

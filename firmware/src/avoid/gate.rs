@@ -5,7 +5,7 @@
 //! everybody's velocity passes, everybody can stop, whatever the others do next, and standing drones keep apart.
 //! A velocity that does not pass is turned and slowed until it does.
 
-use super::{Neighbour, braking, pca::Mover};
+use super::{Neighbour, braking, halfplanes::HalfPlane, pca::Mover};
 use crate::{Vec3, guidance::limited, scalar::lesser};
 
 /// What a velocity can change until the next state of a neighbour is heard, metres a second: a velocity is judged by
@@ -29,13 +29,20 @@ const TRIES: [(f32, f32); 12] = [
 ];
 
 /// The velocity nearest to `wanted` among the turns and speeds that pass, or the one with the most room if none does.
+///
+/// None is turned towards one of the `walls` more than its row allows, or than `wanted` is already.
 #[must_use]
-pub fn passing(own: &Mover, wanted: Vec3, neighbours: &[Neighbour]) -> Vec3 {
+pub fn passing(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], walls: &[HalfPlane]) -> Vec3 {
+    let free =
+        |v: &Vec3| walls.iter().all(|row| row.normal.dot(v) >= lesser(row.at_least, row.normal.dot(&wanted)));
     let mut best = (f32::NEG_INFINITY, wanted);
     for (along, left) in TRIES {
         let turned = |x: f32, y: f32| along * x - left * y;
         let share = lesser(libm::fabsf(along) + libm::fabsf(left), 1.0);
         let v = Vec3::new(turned(wanted.x, wanted.y), turned(wanted.y, -wanted.x), share * wanted.z);
+        if !free(&v) {
+            continue;
+        }
         let room_m = room_m(own, &v, neighbours);
         if room_m >= 0.0 {
             return v;

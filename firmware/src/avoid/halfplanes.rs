@@ -7,10 +7,11 @@
 //! dual), so that rows that contradict each other still get the best compromise, and the number of
 //! sweeps is fixed, so that the time is.
 
+use super::walls::MAX_WALL_ROWS;
 use crate::{Vec3, scalar::greater};
 
-/// Most rows: two for each of 32 neighbours.
-pub const MAX_ROWS: usize = 64;
+/// Most rows: two for each of 32 neighbours, and those of walls.
+pub const MAX_ROWS: usize = 64 + MAX_WALL_ROWS;
 /// Sweeps over all rows.
 const SWEEPS: usize = 16;
 /// Softness of the rows: share of a violation that may remain per unit of weight.

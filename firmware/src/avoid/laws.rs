@@ -32,7 +32,7 @@ fn answer(own: &Mover, wanted: Vec3, others: &[Mover], rule: Rule) -> Avoided {
     for (index, other) in others.iter().enumerate() {
         peers.update(&told(index, other), &own.pos_enu_m, &mut counters);
     }
-    avoid(TimePs(0), own, wanted, &peers, &USUAL, rule)
+    avoid(TimePs(0), own, wanted, &peers, core::iter::empty(), &USUAL, rule)
 }
 
 fn command(own: &Mover, wanted: Vec3, others: &[Mover]) -> Vec3 {

@@ -14,6 +14,7 @@ pub mod halfplanes;
 mod laws;
 mod literal;
 pub mod pca;
+pub mod walls;
 
 use crate::{
     Vec3,
@@ -24,6 +25,7 @@ use halfplanes::{HalfPlane, MAX_ROWS};
 use heapless::Vec;
 use pca::Mover;
 use skyroost_protocol::units::TimePs;
+use walls::Wall;
 
 /// How conflicts are solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -81,6 +83,9 @@ const PLAN_SLACK_M: f32 = 3.0;
 const KEEP_SLACK_M: f32 = 2.0;
 /// Share of the error radii that the stop gate keeps: whole ones would have to point at each other.
 const KEEP_ERRORS: f32 = 0.3;
+/// Kept from walls beyond the own error radius, and of goals beyond `d_safe` and both error radii, metres: tracking error
+/// of the velocity loop.
+pub const TRACKING_M: f32 = 0.5;
 
 /// A neighbour that may matter, and the distances to keep from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -116,18 +121,20 @@ pub struct Avoided {
     pub active: bool,
 }
 
-/// The velocity nearest to `wanted` that keeps the separation from every neighbour in `peers`.
+/// The velocity nearest to `wanted` that keeps the separation from every neighbour in `peers` and meets none of the
+/// `walls`, which the paper's rule knows nothing of.
 #[must_use]
 pub fn avoid(
     now: TimePs,
     own: &Mover,
     wanted: Vec3,
     peers: &PeerTable,
+    walls: impl Iterator<Item = Wall>,
     separation: &Separation,
     rule: Rule,
 ) -> Avoided {
     match rule {
-        Rule::HalfPlanes => by_halfplanes(now, own, wanted, peers, separation),
+        Rule::HalfPlanes => by_halfplanes(now, own, wanted, peers, walls, separation),
         Rule::LiteralPca => {
             let shares = literal::displacement_mps(now, own, peers, separation);
             let active = shares.norm_squared() > 0.0;
@@ -141,6 +148,7 @@ fn by_halfplanes(
     own: &Mover,
     wanted: Vec3,
     peers: &PeerTable,
+    walls: impl Iterator<Item = Wall>,
     separation: &Separation,
 ) -> Avoided {
     // The nearest first, so that the answer does not depend on whom the drone heard first.
@@ -169,27 +177,36 @@ fn by_halfplanes(
             list = before;
         }
     }
-    let planned = planned(own, wanted, &neighbours, separation);
-    let passing = gate::passing(own, planned, &neighbours);
+    let walls = walls::rows(own, walls, separation.own_error_m + TRACKING_M);
+    let planned = planned(own, wanted, &neighbours, &walls, separation);
+    let passing = gate::passing(own, planned, &neighbours, &walls);
     // Beyond all bounds (a velocity of 1e20 m/s) numbers overflow: to stop is the answer then.
     let vel_enu_mps = if passing.iter().all(|x| x.is_finite()) { passing } else { Vec3::zeros() };
     Avoided { vel_enu_mps, active: vel_enu_mps != wanted }
 }
 
-/// The velocity nearest to `wanted` that the half-planes of all neighbours allow.
+/// The velocity nearest to `wanted` that the half-planes of all neighbours and walls allow.
 #[inline(never)] // a board has no room for the rows beside what the gate needs
-fn planned(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], separation: &Separation) -> Vec3 {
+fn planned(
+    own: &Mover,
+    wanted: Vec3,
+    neighbours: &[Neighbour],
+    walls: &[HalfPlane],
+    separation: &Separation,
+) -> Vec3 {
     let stretch = separation.vertical.stretch();
     let mut rows: Vec<HalfPlane, MAX_ROWS> = Vec::new();
     let mut clear = true;
     for neighbour in neighbours {
         pca::rows(own, neighbour, |row| {
             clear &= row.allows(&wanted);
-            // Two rows a neighbour and 32 neighbours fit MAX_ROWS. What no level flight can keep is left to the gate.
+            // Two rows a neighbour, 32 neighbours and the walls fit MAX_ROWS. What no level flight can keep is left to the gate.
             let _ = row.stretched(stretch).map(|row| rows.push(row));
         });
     }
-    if clear {
+    // Last, so that every sweep over the rows ends with what does not give way. They are upright: nothing stretches them.
+    let _ = rows.extend_from_slice(walls);
+    if clear && walls.iter().all(|row| row.allows(&wanted)) {
         return wanted;
     }
     // In units of velocity in which up and down are as dear as they are to be.

@@ -7,10 +7,11 @@
 
 use crate::{
     Vec2,
+    avoid::walls::Wall,
     scalar::{greater, lesser},
 };
 use heapless::Vec;
-use skyroost_protocol::message::MAX_WAYPOINTS;
+use skyroost_protocol::message::{MAX_WAYPOINTS, WAYPOINTS_PER_WALL};
 
 /// Farthest that the track may pass from a waypoint, metres.
 pub const CORNER_DEVIATION_M: f32 = 1.0;
@@ -32,6 +33,8 @@ pub enum LanesError {
     TooShort,
     /// More waypoints than [`MAX_WAYPOINTS`].
     TooLong,
+    /// More walls than there are waypoints for.
+    Walls,
     /// The speed is not above zero.
     Speed,
 }
@@ -123,20 +126,24 @@ struct Leg {
     end_um: i64,
 }
 
-/// The lanes, and room to assemble them in.
+/// The lanes and the walls of a mission, and room to assemble them in.
 ///
 /// Of each waypoint two things are kept: where it is, and how fast it may be passed, which depends on all
 /// that lies ahead. The rest is worked out for one leg at a time when it is entered. Ways are whole
 /// micrometres: adding 0.2 m steps to tens of kilometres in `f32` would lose a percent of the speed.
 #[derive(Clone, Debug)]
 pub struct Lanes {
-    /// As uploaded; repeated waypoints count once.
+    /// As uploaded, those of the walls last; repeated waypoints of the lanes count once.
     waypoints_mm: Vec<[i32; 2], MAX_WAYPOINTS>,
     /// Greatest speed through the fillet at each waypoint, metres a second; of repeated ones at the first.
     speeds_mps: [f32; MAX_WAYPOINTS],
     cruise_mps: f32,
     length_um: i64,
     laid: bool,
+    /// Whether what is behind the lanes are walls that stand.
+    walled: bool,
+    /// Waypoints of the lanes.
+    lane_count: u16,
 }
 
 impl Default for Lanes {
@@ -155,6 +162,8 @@ impl Lanes {
             cruise_mps: 0.0,
             length_um: 0,
             laid: false,
+            walled: false,
+            lane_count: 0,
         }
     }
 
@@ -164,7 +173,7 @@ impl Lanes {
     /// When there is nothing to fly or no speed to fly it at.
     pub fn new(waypoints_mm: &[[i32; 2]], cruise_mps: f32, max_turn_radps: f32) -> Result<Self, LanesError> {
         let mut lanes = Self::empty();
-        lanes.open(waypoints_mm.len())?;
+        lanes.open(waypoints_mm.len(), 0)?;
         lanes.write(0, waypoints_mm);
         lanes.lay(cruise_mps, max_turn_radps)?;
         Ok(lanes)
@@ -172,30 +181,53 @@ impl Lanes {
 
     /// Gives up the lanes and all room for others.
     pub fn clear(&mut self) {
-        self.laid = false;
+        self.reopen();
+        self.lane_count = 0;
         self.waypoints_mm.clear();
     }
 
-    /// Gives up the lanes there are and makes room for `waypoints` others.
+    /// Gives up the lanes there are and makes room for `waypoints` others, the last of them for so many walls.
     ///
     /// # Errors
-    /// [`LanesError::TooLong`]; there is then no room at all.
-    pub fn open(&mut self, waypoints: usize) -> Result<(), LanesError> {
+    /// [`LanesError::TooLong`] and [`LanesError::Walls`]; there is then no room at all.
+    pub fn open(&mut self, waypoints: usize, walls: usize) -> Result<(), LanesError> {
         self.clear();
-        self.waypoints_mm.resize_default(waypoints).map_err(|_| LanesError::TooLong)
+        let lanes =
+            waypoints.checked_sub(walls.saturating_mul(WAYPOINTS_PER_WALL)).ok_or(LanesError::Walls)?;
+        self.waypoints_mm.resize_default(waypoints).map_err(|_| LanesError::TooLong)?;
+        self.lane_count = lanes as u16;
+        Ok(())
     }
 
-    /// Gives up the lanes there are but keeps their waypoints, to be written anew.
+    /// Gives up the lanes and walls there are but keeps their waypoints, to be written anew.
     pub const fn reopen(&mut self) {
         self.laid = false;
+        self.walled = false;
+    }
+
+    /// Raises the walls once all waypoints have been written.
+    pub const fn raise_walls(&mut self) {
+        self.walled = true;
+    }
+
+    /// The walls that stand.
+    pub fn walls(&self) -> impl Iterator<Item = Wall> {
+        let behind = self.waypoints_mm.get(usize::from(self.lane_count)..).filter(|_| self.walled);
+        let walls = behind.unwrap_or_default().chunks_exact(WAYPOINTS_PER_WALL);
+        walls.filter_map(|points| Some(Wall::from_mm(points.try_into().ok()?)))
+    }
+
+    /// The waypoints of the lanes.
+    fn lanes_mm(&self) -> &[[i32; 2]] {
+        self.waypoints_mm.get(..usize::from(self.lane_count)).unwrap_or_default()
     }
 
     /// Puts a piece of the lanes in its place, `first` waypoints from their start; false where there is no
-    /// room for it. Lanes that are laid stay as they are.
+    /// room for it. Lanes that are laid, and walls that stand, stay as they are.
     pub fn write(&mut self, first: usize, piece_mm: &[[i32; 2]]) -> bool {
         let room = self.waypoints_mm.get_mut(first..).and_then(|rest| rest.get_mut(..piece_mm.len()));
         let Some(room) = room else { return false };
-        if !self.laid {
+        if !self.laid && !self.walled {
             room.copy_from_slice(piece_mm);
         }
         true
@@ -217,14 +249,14 @@ impl Lanes {
         if cruise_mps.is_nan() || cruise_mps <= 0.0 {
             return Err(LanesError::Speed);
         }
-        let first = self.waypoints_mm.first();
-        if self.waypoints_mm.iter().all(|other| Some(other) == first) {
+        let first = self.lanes_mm().first();
+        if self.lanes_mm().iter().all(|other| Some(other) == first) {
             return Err(LanesError::TooShort);
         }
         (self.cruise_mps, self.length_um) = (cruise_mps, 0);
         // From the end back: no corner is passed faster than the next one can be braked for.
         let (mut next_m, mut next_mps, mut next_tangent_m) = (None, 0.0f32, 0.0);
-        for index in (0..self.waypoints_mm.len()).rev() {
+        for index in (0..self.lanes_mm().len()).rev() {
             let Some((before_m, at_m)) = self.unless_repeated(index) else { continue };
             let corner = Corner::new(before_m, at_m, next_m);
             let braking_m = corner.straight_m(next_tangent_m);
@@ -337,27 +369,27 @@ impl Lanes {
     /// The corner at a waypoint that does not repeat the one before.
     fn corner(&self, index: u16) -> Option<Corner> {
         let (before_m, at_m) = self.unless_repeated(usize::from(index))?;
-        let next = self.index_after(index).and_then(|next| self.waypoints_mm.get(usize::from(next)));
+        let next = self.index_after(index).and_then(|next| self.lanes_mm().get(usize::from(next)));
         Some(Corner::new(before_m, at_m, next.copied().map(metres)))
     }
 
     /// The waypoint at `index` and the one before it; none where they are the same.
     fn unless_repeated(&self, index: usize) -> Option<(Option<Vec2>, Vec2)> {
-        let at = self.waypoints_mm.get(index)?;
-        let before = index.checked_sub(1).and_then(|before| self.waypoints_mm.get(before));
+        let at = self.lanes_mm().get(index)?;
+        let before = index.checked_sub(1).and_then(|before| self.lanes_mm().get(before));
         (before != Some(at)).then(|| (before.copied().map(metres), metres(*at)))
     }
 
     /// Index of the next waypoint that is another one.
     fn index_after(&self, index: u16) -> Option<u16> {
-        let mut rest = self.waypoints_mm.get(usize::from(index)..)?.iter();
+        let mut rest = self.lanes_mm().get(usize::from(index)..)?.iter();
         let here = rest.next()?;
         Some(index + 1 + rest.position(|other| other != here)? as u16)
     }
 
     /// Index of the waypoint before, the first of its repetitions.
     fn index_before(&self, index: u16) -> Option<u16> {
-        let mut before = self.waypoints_mm.get(..usize::from(index))?.iter();
+        let mut before = self.lanes_mm().get(..usize::from(index))?.iter();
         let last = before.next_back()?;
         Some(before.rposition(|other| other != last).map_or(0, |other| other as u16 + 1))
     }

@@ -126,5 +126,6 @@ pub(crate) fn header(mission: MissionId, lanes_mm: &[[i32; 2]]) -> MissionHeader
         home: PosEnuMm([0, 0, 0]),
         waypoints: lanes_mm.len() as u16,
         d_safe_mm: 10_000,
+        walls: 0,
     }
 }

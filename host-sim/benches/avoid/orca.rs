@@ -44,7 +44,7 @@ impl Steering for Orca {
             avoidance_responsibility: 1.0,
         };
         let neighbours: Vec<Cow<'_, Agent>> = (known.peers.iter())
-            .map(|peer| Cow::Owned(agent(&peer.predicted(known.now), peer.error_radius_m(known.now))))
+            .map(|peer| Cow::Owned(agent(&peer.predicted(known.now), peer.error_radius_m())))
             .collect();
         let wanted_mps = flat(&known.wanted_mps);
         let v = agent(&known.own, separation.own_error_m).compute_avoiding_velocity(

@@ -1,7 +1,8 @@
 //! Reads and checks everything a mission needs, so that all bad input is found before anything
 //! flies or is written.
 
-use crate::control::area::Area;
+use crate::control::area::{Area, AreaError, read_fence, read_obstacles};
+use crate::geometry::frame::LocalFrame;
 use crate::geometry::{V2, polygon::Polygon};
 use crate::runner::{InputError, MissionArea, MissionInput, RunError};
 use crate::scenario::{LoadedScenario, Overrides, Scenario};
@@ -21,6 +22,9 @@ pub(super) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<Mission
     loaded.check().map_err(InputError::from)?;
     let scenario = loaded.scenario;
     let area = area(&scenario)?;
+    let frame = area.origin_lon_lat_deg.map(|[lon_deg, lat_deg]| LocalFrame::new(lon_deg, lat_deg));
+    let obstacles = placed("obstacles.file", scenario.obstacles.file.as_deref(), frame, read_obstacles)?;
+    let fence = placed("fence.file", scenario.fence.file.as_deref(), frame, read_fence)?;
     let users = scenario.users.file.as_deref().map(read_users).transpose().map_err(InputError::from)?;
     let drones = scenario.fleet.drones;
     if drones < FLEET_SIZE {
@@ -28,7 +32,19 @@ pub(super) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<Mission
             "{drones} drones cannot sweep: a fleet needs {FLEET_SIZE}"
         )));
     }
-    Ok(MissionInput { scenario, area, users })
+    Ok(MissionInput { scenario, area, obstacles: obstacles.unwrap_or_default(), fence, users })
+}
+
+/// What a file in WGS84 holds, where the scenario names one.
+fn placed<T>(
+    key: &'static str,
+    file: Option<&Path>,
+    frame: Option<LocalFrame>,
+    read: impl Fn(&Path, &LocalFrame) -> Result<T, AreaError>,
+) -> Result<Option<T>, InputError> {
+    let Some(file) = file else { return Ok(None) };
+    let frame = frame.ok_or(InputError::Frameless { key })?;
+    Ok(Some(read(file, &frame)?))
 }
 
 /// The area of the file, or the rectangle.

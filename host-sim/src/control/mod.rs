@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 pub mod air_to_ground;
+pub mod airspace;
 pub mod area;
 pub mod assign;
 pub mod captures;

@@ -71,7 +71,7 @@ impl Steering for Avoidance {
             Self::On => Rule::HalfPlanes,
             Self::LiteralPca => Rule::LiteralPca,
         };
-        avoid::avoid(*now, own, *wanted_mps, peers, separation, rule).vel_enu_mps
+        avoid::avoid(*now, own, *wanted_mps, peers, core::iter::empty(), separation, rule).vel_enu_mps
     }
 }
 

@@ -4,7 +4,7 @@ use super::*;
 
 /// The least separation with the flight code's avoidance.
 fn least_m(encounter: &Encounter) -> f64 {
-    let outcome = fly(encounter, Avoidance::On, &mut |_, _| {}).unwrap();
+    let outcome = fly(encounter, &Avoidance::On, &mut |_, _| {}).unwrap();
     outcome.min_separation_m.unwrap_or(f64::INFINITY)
 }
 
@@ -95,7 +95,7 @@ fn no_more_than_the_table_holds_are_nearer_than_stopping_takes() {
             let at = |id: u16| places.iter().find(|place| place.0 == id).unwrap().1;
             between_m = between_m.min((at(1) - at(2)).norm());
         };
-        fly(&all, Avoidance::On, &mut watch).unwrap();
+        fly(&all, &Avoidance::On, &mut watch).unwrap();
         between_m
     };
     let (within, beyond) = (with(0), with(40));

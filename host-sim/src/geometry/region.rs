@@ -64,6 +64,30 @@ impl Region {
         if parts.is_empty() { Err(RegionError::NothingLeft) } else { Ok(Self { parts, no_fly }) }
     }
 
+    /// The area less further no-fly zones.
+    ///
+    /// # Errors
+    /// [`RegionError::NothingLeft`] where they take up everything.
+    pub fn without(&self, zones: &[Polygon]) -> Result<Self, RegionError> {
+        if zones.is_empty() {
+            return Ok(self.clone());
+        }
+        let parts = overlay(&self.contours(), &contours(zones), OverlayRule::Difference);
+        let no_fly = self.no_fly.iter().chain(zones).cloned().collect();
+        if parts.is_empty() { Err(RegionError::NothingLeft) } else { Ok(Self { parts, no_fly }) }
+    }
+
+    /// The same area with other no-fly zones, which are flown around only: what they take up has to be covered still.
+    #[must_use]
+    pub fn around(&self, no_fly: Vec<Polygon>) -> Self {
+        Self { parts: self.parts.clone(), no_fly }
+    }
+
+    /// The borders of all parts.
+    fn contours(&self) -> Vec<Contour> {
+        self.parts.iter().flat_map(Part::borders_m).map(|ring| contour(&ring)).collect()
+    }
+
     /// What has to be covered: disjoint parts.
     #[must_use]
     pub fn parts(&self) -> &[Part] {
@@ -127,9 +151,7 @@ impl Region {
         let [min, max] = self.bbox_m();
         let [west, east] = [min.x - 1.0, max.x + 1.0];
         let band = vec![vec![[west, low_m], [east, low_m], [east, high_m], [west, high_m]]];
-        let borders: Vec<Contour> =
-            self.parts.iter().flat_map(Part::borders_m).map(|ring| contour(&ring)).collect();
-        let parts = overlay(&borders, &band, OverlayRule::Intersect);
+        let parts = overlay(&self.contours(), &band, OverlayRule::Intersect);
         (!parts.is_empty()).then(|| Self { parts, no_fly: self.no_fly.clone() })
     }
 
@@ -285,6 +307,18 @@ mod tests {
         ] {
             assert_eq!(region.contains(V2::new(x, y)), inside, "({x}, {y})");
         }
+    }
+
+    #[test]
+    fn further_zones_are_cut_out_or_flown_around() {
+        let area =
+            Region::new(vec![rectangle(0.0, 0.0, 10.0, 10.0)], vec![rectangle(1.0, 1.0, 2.0, 2.0)]).unwrap();
+        let zone = rectangle(5.0, 5.0, 7.0, 7.0);
+        let less = area.without(std::slice::from_ref(&zone)).unwrap();
+        assert!((less.area_m2() - (100.0 - 1.0 - 4.0)).abs() < 1e-9 && less.no_fly().len() == 2);
+        let around = area.around(vec![zone.clone()]);
+        assert!((around.area_m2() - 99.0).abs() < 1e-9 && around.no_fly() == [zone]);
+        assert_eq!(area.without(&[rectangle(-1.0, -1.0, 11.0, 11.0)]), Err(RegionError::NothingLeft));
     }
 
     #[test]

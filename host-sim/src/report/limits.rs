@@ -63,6 +63,10 @@ pub fn judge(limits: &LimitsTable, summary: &Summary) -> Vec<LimitOutcome> {
         of(Some(placement.served_guaranteed)),
     );
     at("violations_max", most, of(limits.violations_max), of(Some(safety.violations)));
+    // Where nothing stands there is nothing to keep away from.
+    let obstacles = limits.obstacle_distance_min_m.filter(|_| safety.min_obstacle_distance_m.is_some());
+    at("obstacle_distance_min_m", least, obstacles, safety.min_obstacle_distance_m);
+    at("fence_distance_min_m", least, limits.fence_distance_min_m, safety.min_fence_distance_m);
     at(
         "formation_error_rms_max_m",
         most,
@@ -108,6 +112,22 @@ mod tests {
         let mut summary = Summary::default();
         summary.localization.users = 10;
         assert_eq!(names_that_fail(&limits, &summary), ["r95_median_max_m"]);
+    }
+
+    #[test]
+    fn without_obstacles_there_is_no_distance_to_keep() {
+        let limits = LimitsTable {
+            obstacle_distance_min_m: Some(5.0),
+            fence_distance_min_m: Some(0.0),
+            ..LimitsTable::default()
+        };
+        let mut summary = Summary::default();
+        summary.localization.users = 10;
+        summary.safety.min_fence_distance_m = Some(0.0);
+        assert!(names_that_fail(&limits, &summary).is_empty());
+        summary.safety.min_obstacle_distance_m = Some(4.9);
+        summary.safety.min_fence_distance_m = Some(-0.1);
+        assert_eq!(names_that_fail(&limits, &summary), ["obstacle_distance_min_m", "fence_distance_min_m"]);
     }
 
     #[test]

@@ -146,6 +146,10 @@ pub struct SafetySummary {
     pub min_separation_m: Option<f64>,
     /// Encounters of two drones nearer than the scenario's `d_safe_m`.
     pub violations: u32,
+    /// Least distance of a drone from obstacles and no-fly zones, metres; none without any.
+    pub min_obstacle_distance_m: Option<f64>,
+    /// Least distance of a drone from the fence, metres: negative if it was left; none where nobody flew.
+    pub min_fence_distance_m: Option<f64>,
     /// Root mean square of a drone's distance from its place in the formation on the lanes, metres.
     pub formation_error_rms_m: f64,
     /// Greatest distance of a drone from its place in the formation on the lanes, metres.

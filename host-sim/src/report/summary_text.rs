@@ -98,6 +98,10 @@ fn safety(f: &mut fmt::Formatter<'_>, safety: &SafetySummary) -> fmt::Result {
         "separation",
         format!("least {}, {} violations", metres(safety.min_separation_m), safety.violations),
     )?;
+    if safety.min_obstacle_distance_m.is_some() {
+        row(f, "obstacles", format!("least {}", metres(safety.min_obstacle_distance_m)))?;
+    }
+    row(f, "fence", format!("{} within at least", metres(safety.min_fence_distance_m)))?;
     let (rms, max) = (Some(safety.formation_error_rms_m), Some(safety.formation_error_max_m));
     row(f, "formation", format!("error {} rms, {} at most", metres(rms), metres(max)))
 }
@@ -233,6 +237,8 @@ mod tests {
         placement.proved_optimal = true;
         (placement.optimum_on_truth, placement.served_ratio) = (Some(64), Some(63.0 / 64.0));
         summary.safety.min_separation_m = Some(21.5);
+        summary.safety.min_obstacle_distance_m = Some(12.25);
+        summary.safety.min_fence_distance_m = Some(110.0);
         summary.safety.formation_error_rms_m = 0.4;
         summary.safety.formation_error_max_m = 5.2;
         summary.limits = judge(&LoadedScenario::paper().scenario.limits, &summary);

@@ -1,9 +1,16 @@
 //! What a run takes and what it gives.
 
 use crate::{
-    control::{area::AreaError, mission::MissionError, sweep::SweepError},
+    control::{
+        area::{AreaError, Obstacle},
+        mission::MissionError,
+        sweep::SweepError,
+    },
     fleet::{Backend, BackendError, BoardError, BoardReport, ImageError},
-    geometry::{polygon::PolygonError, region::Region},
+    geometry::{
+        polygon::{Polygon, PolygonError},
+        region::Region,
+    },
     recording::Recording,
     report::{
         limits::judge,
@@ -22,6 +29,10 @@ pub struct MissionInput {
     pub scenario: Scenario,
     /// The area to sweep.
     pub area: MissionArea,
+    /// What drones must not hit, beside the area's no-fly zones.
+    pub obstacles: Vec<Obstacle>,
+    /// What no drone may leave; none for a fence around everything planned.
+    pub fence: Option<Polygon>,
     /// The users' true positions; none where they are to be strewn at the scenario's density.
     pub users: Option<Vec<User>>,
 }
@@ -125,7 +136,10 @@ impl From<BackendError> for RunError {
 
 impl From<MissionError> for RunError {
     fn from(error: MissionError) -> Self {
-        Self::Link(error.to_string())
+        match error {
+            MissionError::Goals(conflict) => Self::Infeasible(conflict.to_string()),
+            other => Self::Link(other.to_string()),
+        }
     }
 }
 
@@ -144,6 +158,14 @@ pub enum InputError {
     /// In the file with the area.
     #[error(transparent)]
     Area(#[from] AreaError),
+    /// A file in WGS84 beside an area that is not.
+    #[error(
+        "{key}: found an area in local metres, expected one in WGS84 (.geojson, .kml or .plan) to place the file in"
+    )]
+    Frameless {
+        /// The scenario's key with the file.
+        key: &'static str,
+    },
     /// In the corners of the area.
     #[error("area: {0}")]
     Polygon(#[from] PolygonError),

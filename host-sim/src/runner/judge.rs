@@ -3,6 +3,7 @@
 use super::{Flight, MissionArea, MissionInput, Outcome, RunError, setup::Setup, watch::FleetWatch};
 use crate::{
     control::{
+        airspace::is_in_the_way,
         localize::{FixStatus, LocalizeConfig, Occasion, UserFix, crlb, crlb_ratio},
         place::{Fleet, Objective, PlaceUser, Placement, place, place_joint},
         sweep::SplitMode,
@@ -65,6 +66,8 @@ pub(super) fn outcome(
         safety: SafetySummary {
             min_separation_m: flight.separation.least_m(),
             violations: flight.separation.violations(),
+            min_obstacle_distance_m: flight.clearance.least_m(),
+            min_fence_distance_m: flight.clearance.within_fence_m(),
             formation_error_rms_m: if samples == 0 { 0.0 } else { (squares_m2 / samples as f64).sqrt() },
             formation_error_max_m: flight.fleets.iter().map(FleetWatch::max_error_m).fold(0.0, f64::max),
         },
@@ -85,7 +88,8 @@ pub(super) fn outcome(
         radius_m: scenario.fleet.radius_m,
         swath_m: setup.sweep.swath_m,
         area_m: setup.region.parts().iter().flat_map(Part::borders_m).map(|ring| points(&ring)).collect(),
-        no_fly_m: setup.region.no_fly().iter().map(|zone| points(zone.vertices_m())).collect(),
+        no_fly_m: in_the_way(setup, scenario),
+        fence_m: points(setup.plan.airspace.fence().vertices_m()),
         origin_lon_lat_deg: input.area.origin_lon_lat_deg,
         sub_areas: sub_areas(setup),
         uncovered_m,
@@ -199,6 +203,14 @@ fn sweep(
         mission_time_s: scenario.mission.time_s,
     };
     (summary, coverage.residue.iter().map(|ring| points(ring)).collect())
+}
+
+/// What drones fly around.
+fn in_the_way(setup: &Setup, scenario: &crate::scenario::Scenario) -> Vec<Vec<[f64; 2]>> {
+    let (altitude_m, clearance_m) = (scenario.fleet.altitude_m, scenario.obstacles.clearance_m);
+    let obstacles = setup.plan.airspace.obstacles().iter();
+    let found = obstacles.filter(|it| is_in_the_way(it, altitude_m, clearance_m));
+    found.map(|it| points(it.footprint.vertices_m())).collect()
 }
 
 fn points(ring_m: &[V2]) -> Vec<[f64; 2]> {

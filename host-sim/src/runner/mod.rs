@@ -5,6 +5,7 @@
 //! window on its own, on whatever core is free. Nothing that an island does depends on another one within a
 //! window, so the bytes that come out do not depend on the number of threads.
 
+mod clear;
 mod digest;
 mod drone;
 pub mod formation;
@@ -12,6 +13,7 @@ mod input;
 mod island;
 mod judge;
 mod setup;
+mod space;
 mod watch;
 
 pub use input::{InputError, MissionArea, MissionInput, Outcome, Progress, RunError, RunOptions};
@@ -23,6 +25,7 @@ use crate::{
     recording::{DroneRecord, EventRecord, PhaseRecord, TrackSample},
     world::link::LinkCounters,
 };
+use clear::Clearance;
 use digest::Digest;
 use island::{Island, IslandTimes, Surroundings};
 use rayon::prelude::*;
@@ -80,6 +83,7 @@ struct Flight {
     parallel: bool,
     around: Surroundings,
     separation: Separation,
+    clearance: Clearance,
     fleets: Vec<FleetWatch>,
     tracks: Vec<DroneRecord>,
     phases: Vec<PhaseRecord>,
@@ -146,6 +150,7 @@ impl Flight {
             islands,
             around: setup::surroundings(scenario, &setup.users),
             separation: Separation::new(&pads_m, scenario.fleet.d_safe_m, 1.2 * scenario.fleet.speed_mps),
+            clearance: Clearance::new(pads_m.len(), 1.2 * scenario.fleet.speed_mps),
             fleets: setup::fleet_watches(&setup.plan),
             tracks: tracks.collect(),
             phases: Vec::new(),
@@ -263,6 +268,7 @@ impl Flight {
         for (row, positions_m) in self.window_m.iter().enumerate() {
             let t_s = end_s - window_s + (row + 1) as f64 * dt_s;
             self.separation.moved(t_s, positions_m);
+            self.clearance.moved(t_s, positions_m, &self.control.plan().airspace);
         }
         let started = self.control.sweep_started().map_or(f64::INFINITY, |at| at.0 as f64 * 1e-12);
         let due = (self.step / WINDOW_STEPS).is_multiple_of(FORMATION_WINDOWS);

@@ -5,10 +5,12 @@ use super::{
     drone::{Drone, Parts},
     formation::{self, Pads, slot_m},
     island::{Island, Surroundings},
+    space,
     watch::FleetWatch,
 };
 use crate::{
     control::{
+        airspace::{self, Airspace},
         localize::{ClockModel, LocalizeConfig},
         mission::plan::{MissionPlan, PlannedDrone, PlannedFleet},
         srs_schedule::SrsConfig,
@@ -33,6 +35,7 @@ use crate::{
 };
 use skyroost_firmware::{
     STEP_S,
+    avoid::TRACKING_M,
     config::{AgentConfig, SupervisorConfig},
     guidance::{formation::Slot, lanes::Lanes},
     srs::{clock::TickRate, discipline::Oscillator},
@@ -45,8 +48,8 @@ use std::f64::consts::{FRAC_PI_2, SQRT_2};
 
 /// Climb to the altitude of flight, metres a second.
 const CLIMB_MPS: f64 = 2.5;
-/// Avoidance plans with this much beyond `d_safe` and both error radii, metres.
-const GOAL_SLACK_M: f64 = 1.0;
+/// Placements are this much farther apart than avoidance plans with, metres.
+const GOAL_SLACK_M: f64 = 0.5;
 
 /// Everything ready to fly.
 pub(super) struct Setup {
@@ -60,7 +63,8 @@ impl Setup {
     /// Plans the mission.
     pub(super) fn new(input: &MissionInput) -> Result<Self, RunError> {
         let scenario = &input.scenario;
-        let region = input.area.region.clone();
+        let obstacles = space::obstacles(input);
+        let region = space::region(input)?;
         let users = match &input.users {
             Some(users) => users.clone(),
             None => {
@@ -71,9 +75,14 @@ impl Setup {
             }
         };
         let pads = Pads::new(scenario.fleet.base_m.map(V2::from), scenario.fleet.pad_pitch_m(), &region);
-        let sweep = sweep::plan(&region, &request(scenario, &pads))
+        let (altitude_m, clearance_m) = (scenario.fleet.altitude_m, scenario.obstacles.clearance_m);
+        let flown = region.around(airspace::zones(&obstacles, altitude_m, clearance_m));
+        let sweep = sweep::plan(&flown, &request(scenario, &pads))
             .map_err(|source| InputError::Sweep { area: input.area.name.clone(), source })?;
-        let plan = mission_plan(scenario, &sweep, &pads);
+        let flights = Flights::new(scenario, &sweep, &pads);
+        let airspace = space::airspace(input, obstacles, &flights)?;
+        let walls_mm = space::walls(&airspace, &flights)?;
+        let plan = mission_plan(scenario, flights, airspace, walls_mm);
         check_lanes(&sweep, &plan)?;
         check_endurance(scenario, &sweep, &plan)?;
         Ok(Self { sweep, plan, users, region })
@@ -163,40 +172,64 @@ fn orientation_rad(scenario: &Scenario, sweep: &SweepPlan) -> f64 {
     }
 }
 
-fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionPlan {
+/// Who flies which lanes, and from where.
+pub(super) struct Flights {
+    pub(super) drones: Vec<PlannedDrone>,
+    pub(super) fleets: Vec<PlannedFleet>,
+    orientation_rad: f64,
+}
+
+impl Flights {
+    fn new(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> Self {
+        let table = &scenario.fleet;
+        let orientation_rad = orientation_rad(scenario, sweep);
+        let fleets: Vec<PlannedFleet> = (0..scenario.fleets() as usize)
+            .map(|f| {
+                let mut waypoints_m = vec![pads.centre_m(f)];
+                let own = || sweep.sub_areas.iter().filter(move |s| s.fleet == f);
+                waypoints_m.extend(own().flat_map(|s| &s.approach_m));
+                let transit = waypoints_m.len();
+                waypoints_m.extend(own().flat_map(|s| &s.path_m));
+                let mates = [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16));
+                PlannedFleet { mates, waypoints_m, transit }
+            })
+            .collect();
+        let drones = (0..table.drones as usize).map(|index| {
+            let fleet = (index / 3 < fleets.len()).then_some((index / 3, (index % 3) as u8));
+            let pad = match fleet {
+                Some((f, slot)) => {
+                    let first_leg =
+                        fleets[f].waypoints_m.get(1).map_or(V2::x(), |next| next - pads.centre_m(f));
+                    let turned = match scenario.fleet.orientation {
+                        Orientation::Fixed => orientation_rad,
+                        Orientation::AlongTrack => orientation_rad + first_leg.y.atan2(first_leg.x),
+                    };
+                    pads.centre_m(f) + slot_m(turned, slot, table.spacing_m)
+                }
+                // Every reserve has a place of its own after the fleets.
+                None => pads.centre_m(fleets.len() + index - 3 * fleets.len()),
+            };
+            PlannedDrone { id: DroneId(index as u16 + 1), pad_m: pad.push(0.0), fleet }
+        });
+        Self { drones: drones.collect(), fleets, orientation_rad }
+    }
+}
+
+fn mission_plan(
+    scenario: &Scenario,
+    flights: Flights,
+    airspace: Airspace,
+    walls_mm: Vec<[i32; 2]>,
+) -> MissionPlan {
     let table = &scenario.fleet;
-    let orientation_rad = orientation_rad(scenario, sweep);
-    let fleets: Vec<PlannedFleet> = (0..scenario.fleets() as usize)
-        .map(|f| {
-            let mut waypoints_m = vec![pads.centre_m(f)];
-            let own = || sweep.sub_areas.iter().filter(move |s| s.fleet == f);
-            waypoints_m.extend(own().flat_map(|s| &s.approach_m));
-            let transit = waypoints_m.len();
-            waypoints_m.extend(own().flat_map(|s| &s.path_m));
-            let mates = [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16));
-            PlannedFleet { mates, waypoints_m, transit }
-        })
-        .collect();
-    let drones = (0..table.drones as usize).map(|index| {
-        let fleet = (index / 3 < fleets.len()).then_some((index / 3, (index % 3) as u8));
-        let pad = match fleet {
-            Some((f, slot)) => {
-                let first_leg = fleets[f].waypoints_m.get(1).map_or(V2::x(), |next| next - pads.centre_m(f));
-                let turned = match scenario.fleet.orientation {
-                    Orientation::Fixed => orientation_rad,
-                    Orientation::AlongTrack => orientation_rad + first_leg.y.atan2(first_leg.x),
-                };
-                pads.centre_m(f) + slot_m(turned, slot, table.spacing_m)
-            }
-            // Every reserve has a place of its own after the fleets.
-            None => pads.centre_m(fleets.len() + index - 3 * fleets.len()),
-        };
-        PlannedDrone { id: DroneId(index as u16 + 1), pad_m: pad.push(0.0), fleet }
-    });
+    let Flights { drones, fleets, orientation_rad } = flights;
     let gnss = gnss(scenario);
+    let d_plan_m = table.d_safe_m + 2.0 * table.r_s_m + f64::from(TRACKING_M);
     MissionPlan {
-        drones: drones.collect(),
+        drones,
         fleets,
+        airspace,
+        walls_mm,
         spacing_m: table.spacing_m,
         heading: heading(scenario),
         orientation_rad,
@@ -204,7 +237,8 @@ fn mission_plan(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> MissionP
         altitude_m: table.altitude_m,
         radius_m: table.radius_m,
         d_safe_m: table.d_safe_m,
-        min_goal_distance_m: table.d_safe_m + 2.0 * table.r_s_m + GOAL_SLACK_M,
+        d_plan_m,
+        min_goal_distance_m: d_plan_m + GOAL_SLACK_M,
         srs: SrsConfig {
             period: TimePs((scenario.srs.period_s * 1e12) as i64),
             max_per_period: (f64::from(scenario.srs.max_per_second) * scenario.srs.period_s) as usize,

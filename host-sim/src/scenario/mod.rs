@@ -18,8 +18,8 @@ mod tables;
 pub use error::{Place, ScenarioError};
 pub use source::Source;
 pub use tables::{
-    AreaTable, BatteryTable, ClockTable, FleetTable, GnssMode, GnssTable, LimitsTable, LinkTable,
-    MissionTable, Orientation, Scenario, SplitMode, SrsTable, UsersTable, WindTable,
+    AreaTable, BatteryTable, ClockTable, FenceTable, FleetTable, GnssMode, GnssTable, LimitsTable, LinkTable,
+    MissionTable, ObstaclesTable, Orientation, Scenario, SplitMode, SrsTable, UsersTable, WindTable,
 };
 
 use std::path::{Path, PathBuf};
@@ -73,8 +73,11 @@ impl LoadedScenario {
         let mut scenario: Scenario =
             toml::from_str(text).map_err(|error| source.explain(&error, ScenarioError::from_toml))?;
         source.refuse_pair("area.file", &["area.width_m", "area.height_m"])?;
+        source.refuse_pair("fence.file", &["fence.margin_m"])?;
         source.refuse_pair("users.file", &["users.density_per_km2"])?;
-        for file in [&mut scenario.area.file, &mut scenario.users.file].into_iter().flatten() {
+        let Scenario { area, obstacles, fence, users, .. } = &mut scenario;
+        let files = [&mut area.file, &mut obstacles.file, &mut fence.file, &mut users.file];
+        for file in files.into_iter().flatten() {
             *file = directory.join(&*file);
         }
         Ok(Self { scenario, source })

@@ -13,6 +13,10 @@ pub struct Scenario {
     pub seed: u64,
     /// The area to sweep.
     pub area: AreaTable,
+    /// What drones must not hit.
+    pub obstacles: ObstaclesTable,
+    /// What no drone leaves.
+    pub fence: FenceTable,
     /// The drones and how they fly.
     pub fleet: FleetTable,
     /// Whom to find.
@@ -41,6 +45,8 @@ impl Default for Scenario {
             name: "paper".to_owned(),
             seed: 1,
             area: AreaTable::default(),
+            obstacles: ObstaclesTable::default(),
+            fence: FenceTable::default(),
             fleet: FleetTable::default(),
             users: UsersTable::default(),
             srs: SrsTable::default(),
@@ -85,6 +91,38 @@ pub struct AreaTable {
 impl Default for AreaTable {
     fn default() -> Self {
         Self { file: None, width_m: 10_000.0, height_m: 10_000.0 }
+    }
+}
+
+/// What drones must not hit, beside the area's no-fly zones.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ObstaclesTable {
+    /// File with buildings, masts and no-fly zones, relative to the scenario file.
+    pub file: Option<PathBuf>,
+    /// What ways keep from obstacles, the area's no-fly zones and the fence, and from the tops of obstacles.
+    pub clearance_m: f64,
+}
+
+impl Default for ObstaclesTable {
+    fn default() -> Self {
+        Self { file: None, clearance_m: 10.0 }
+    }
+}
+
+/// What no drone leaves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FenceTable {
+    /// File with a convex polygon, relative to the scenario file.
+    pub file: Option<PathBuf>,
+    /// Without a file: from area, pads and lanes to the fence around them all.
+    pub margin_m: f64,
+}
+
+impl Default for FenceTable {
+    fn default() -> Self {
+        Self { file: None, margin_m: 100.0 }
     }
 }
 
@@ -398,6 +436,10 @@ pub struct LimitsTable {
     pub served_guaranteed_min: Option<u32>,
     /// Most separations below `fleet.d_safe_m`.
     pub violations_max: Option<u32>,
+    /// Least distance of a drone from obstacles and no-fly zones.
+    pub obstacle_distance_min_m: Option<f64>,
+    /// Least distance of a drone from the fence, from within.
+    pub fence_distance_min_m: Option<f64>,
     /// Greatest root mean square of a drone's distance from its place in the formation.
     pub formation_error_rms_max_m: Option<f64>,
     /// Greatest distance of a drone from its place in the formation.

@@ -6,8 +6,10 @@ use crate::units::{CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm,
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Most waypoints of a mission's lanes.
+/// Most waypoints of a mission: of its lanes and its walls together.
 pub const MAX_WAYPOINTS: usize = 512;
+/// Waypoints that stand for one wall.
+pub const WAYPOINTS_PER_WALL: usize = 3;
 /// Most waypoints in one lane piece.
 pub const MAX_LANE_PIECE: usize = 16;
 /// Most neighbours in one frame of relayed states.
@@ -97,10 +99,14 @@ wire! {
         pub altitude_mm: u32,
         /// Where the drone took off and returns to.
         pub home: PosEnuMm,
-        /// Number of waypoints that follow in pieces.
+        /// Number of waypoints that follow in pieces, those of the walls included.
         pub waypoints: u16,
         /// Separation to keep from every other drone (the paper's `d_safe`), millimetres.
         pub d_safe_mm: u16,
+        /// Number of walls: the last waypoints, [`WAYPOINTS_PER_WALL`] for each. The first two are the ends of a
+        /// segment; the third is no place but a radius and a top: the wall is all that is within the radius of the
+        /// segment, from the ground up to the top, millimetres.
+        pub walls: u16,
     }
 
     /// How the formation turns.

@@ -14,7 +14,7 @@ mod up;
 pub use checksum::lanes_crc;
 pub use down::{
     Command, Down, Heading, LanePiece, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST,
-    MAX_WAYPOINTS, MissionHeader, PeerState, SrsRequest, SrsRequestEntry,
+    MAX_WAYPOINTS, MissionHeader, PeerState, SrsRequest, SrsRequestEntry, WAYPOINTS_PER_WALL,
 };
 pub use layout::SCHEMA_HASH;
 pub(crate) use layout::{Layout, longest};

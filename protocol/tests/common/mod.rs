@@ -171,7 +171,7 @@ fn mission_header() -> impl Strategy<Value = MissionHeader> {
     let heading = proptest::sample::select(&[Heading::Fixed, Heading::AlongTrack][..]);
     (
         (id(MissionId), option::of(id(FleetId)), any::<[u16; 3]>(), any::<u8>(), heading),
-        (any::<[u32; 2]>(), any::<i16>(), any::<[u16; 3]>(), pos()),
+        (any::<[u32; 2]>(), any::<i16>(), any::<[u16; 4]>(), pos()),
     )
         .prop_map(|((mission, fleet, mates, slot, heading), (longs, orientation_mrad, shorts, home))| {
             MissionHeader {
@@ -187,6 +187,7 @@ fn mission_header() -> impl Strategy<Value = MissionHeader> {
                 home,
                 waypoints: shorts[1],
                 d_safe_mm: shorts[2],
+                walls: shorts[3],
             }
         })
 }

@@ -409,6 +409,7 @@ pub(crate) fn flood() -> Result<Counters, String> {
             home: PosEnuMm::default(),
             waypoints: lanes_mm.len() as u16,
             d_safe_mm: 10_000,
+            walls: 0,
         },
         2,
         true,

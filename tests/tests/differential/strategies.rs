@@ -64,10 +64,10 @@ fn heading() -> impl Strategy<Value = Heading> {
 fn wild_header() -> impl Strategy<Value = MissionHeader> {
     (
         (any::<u16>(), any::<Option<u16>>(), any::<[u16; 3]>(), any::<u8>(), any::<u32>(), heading()),
-        (any::<i16>(), any::<u16>(), any::<u32>(), any::<[i32; 3]>(), any::<u16>(), any::<u16>()),
+        (any::<i16>(), any::<u16>(), any::<u32>(), any::<[i32; 3]>(), any::<u16>(), any::<[u16; 2]>()),
     )
         .prop_map(|((mission, fleet, mates, slot, spacing_mm, heading), rest)| {
-            let (orientation_mrad, speed_mmps, altitude_mm, home_mm, waypoints, d_safe_mm) = rest;
+            let (orientation_mrad, speed_mmps, altitude_mm, home_mm, waypoints, [d_safe_mm, walls]) = rest;
             MissionHeader {
                 mission: MissionId(mission),
                 fleet: fleet.map(FleetId),
@@ -81,6 +81,7 @@ fn wild_header() -> impl Strategy<Value = MissionHeader> {
                 home: PosEnuMm(home_mm),
                 waypoints,
                 d_safe_mm,
+                walls,
             }
         })
 }
@@ -104,6 +105,8 @@ fn header(waypoints: u16) -> impl Strategy<Value = MissionHeader> {
                 home: PosEnuMm(home),
                 waypoints,
                 d_safe_mm,
+                // The last waypoints stand for walls of any radius and top.
+                walls: waypoints / 16,
             }
         },
     )

@@ -57,6 +57,7 @@ pub(crate) fn recording(users: usize) -> Recording {
         swath_m: SWATH_M,
         area_m: vec![rectangle(0.0, SIDE_M)],
         no_fly_m: Vec::new(),
+        fence_m: Vec::new(),
         origin_lon_lat_deg: Some([4.355_72, 51.998_85]),
         sub_areas: (0..2)
             .map(|fleet| SubAreaRecord {

@@ -121,7 +121,7 @@ impl<'a> Found<'a> {
     }
 }
 
-fn polygon(rings: &[Value], place: &str) -> Result<Outline, Fault> {
+pub(super) fn polygon(rings: &[Value], place: &str) -> Result<Outline, Fault> {
     check_rings(rings.len())?;
     let Some((outer, holes)) = rings.split_first() else {
         return Err(Fault::content(place, "a polygon without a ring", "at least one"));
@@ -145,7 +145,7 @@ fn ring(positions: &Value, place: String) -> Result<Ring, Fault> {
     Ring::closed(place, lon_lat_deg)
 }
 
-fn type_of<'a>(value: &'a Value, place: &str) -> Result<&'a str, Fault> {
+pub(super) fn type_of<'a>(value: &'a Value, place: &str) -> Result<&'a str, Fault> {
     let expected = "a GeoJSON object with its \"type\"";
     if !value.is_object() {
         return Err(Fault::content(place, described(value), expected));
@@ -161,7 +161,7 @@ fn type_of<'a>(value: &'a Value, place: &str) -> Result<&'a str, Fault> {
 }
 
 /// RFC 7946 (4) knows WGS84 only; a file that says otherwise would be misread.
-fn check_crs(value: &Value, place: &str) -> Result<(), Fault> {
+pub(super) fn check_crs(value: &Value, place: &str) -> Result<(), Fault> {
     let Some(crs) = member(value, "crs") else { return Ok(()) };
     let name = member(crs, "properties").and_then(|it| member(it, "name"));
     match name {

@@ -34,6 +34,7 @@ mod fault;
 mod geojson;
 mod json;
 mod kml;
+mod obstacles;
 mod outline;
 mod plan;
 #[cfg(test)]
@@ -45,6 +46,7 @@ use std::path::Path;
 
 pub use fault::AreaError;
 use fault::Fault;
+pub use obstacles::{Obstacle, read_fence, read_obstacles};
 
 use crate::geometry::frame::LocalFrame;
 use crate::geometry::region::Region;
@@ -76,11 +78,7 @@ impl Area {
     /// [`AreaError`] names the file, the line or the feature and vertex, what was found, and what is expected.
     pub fn read(file: &Path) -> Result<Self, AreaError> {
         let parse = parser(file)?;
-        let cannot = |source| AreaError::Read { file: file.to_path_buf(), source };
-        let mut bytes = Vec::new();
-        // One byte more than is allowed tells a file that is too long, even one without an end.
-        File::open(file).and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes)).map_err(cannot)?;
-        parse(&bytes).map_err(|fault| fault.in_file(file))
+        parse(&read_file(file)?).map_err(|fault| fault.in_file(file))
     }
 
     /// Reads what a file of that name holds.
@@ -90,6 +88,14 @@ impl Area {
     pub fn parse(file: &Path, bytes: &[u8]) -> Result<Self, AreaError> {
         parser(file)?(bytes).map_err(|fault| fault.in_file(file))
     }
+}
+
+/// All of a file; one byte more than is allowed tells a file that is too long, even one without an end.
+fn read_file(file: &Path) -> Result<Vec<u8>, AreaError> {
+    let cannot = |source| AreaError::Read { file: file.to_path_buf(), source };
+    let mut bytes = Vec::new();
+    File::open(file).and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes)).map_err(cannot)?;
+    Ok(bytes)
 }
 
 type Parser = fn(&[u8]) -> Result<Area, Fault>;

@@ -16,6 +16,8 @@ use std::collections::VecDeque;
 const REPEAT_AFTER: TimePs = TimePs::from_ms(600);
 /// Telemetry comes once a second; one may be lost.
 const TELEMETRY_FRESH: TimePs = TimePs::from_ms(2_500);
+/// Slower than this a drone stands still, millimetres a second in each direction.
+const STANDING_MMPS: u16 = 300;
 /// Repetitions before the drone counts as unreachable.
 const MOST_REPEATS: u32 = 50;
 
@@ -102,6 +104,13 @@ impl DroneLink {
     pub fn phase(&self, now: TimePs) -> Option<FlightPhase> {
         let fresh = |t: &Telemetry| t.time > self.accepted && now.since(t.time) < TELEMETRY_FRESH;
         self.telemetry.filter(|t| self.idle() && fresh(t)).map(|t| t.phase)
+    }
+
+    /// Whether it says that it stands still.
+    #[must_use]
+    pub fn stands(&self) -> bool {
+        let slow = |mmps: &i16| mmps.unsigned_abs() < STANDING_MMPS;
+        self.state.is_some_and(|state| state.vel.0.iter().all(slow))
     }
 
     /// Sends a message in the next frame.

@@ -4,6 +4,7 @@
 //! until acknowledged ([`drone`]); measurements are not repeated, as the next occasion is a second away.
 
 pub mod drone;
+mod goals;
 pub mod plan;
 mod refine;
 mod stages;
@@ -20,6 +21,7 @@ use crate::{
     geometry::{V2, V3},
 };
 use drone::{DroneFailure, DroneLink};
+pub use goals::GoalConflict;
 use plan::MissionPlan;
 use refine::Refinement;
 use skyroost_protocol::{
@@ -121,6 +123,9 @@ pub enum MissionError {
         /// Who is waited for.
         waiting: String,
     },
+    /// Two drones cannot both be where they are wanted.
+    #[error(transparent)]
+    Goals(#[from] GoalConflict),
     /// A measurement that no estimator can use came through every check.
     #[error(transparent)]
     Localize(#[from] LocalizeError),
@@ -201,6 +206,8 @@ pub struct ControlCenter {
     localization: Localization,
     placement: Option<Placement>,
     targets: Vec<Target>,
+    /// Where each drone was sent last in the second stage: its goal, or a corner on the way there.
+    legs: Vec<Option<V2>>,
     refinement: Option<Refinement>,
     events: Vec<OperatorEvent>,
     counters: ControlCounters,
@@ -216,6 +223,7 @@ impl ControlCenter {
         let running = Running::new(plan.localize, groups);
         Self {
             drones: plan.drones.iter().map(|d| DroneLink::new(d.id)).collect(),
+            legs: vec![None; plan.drones.len()],
             schedules,
             running,
             solve_at: FIRST_SOLUTION,

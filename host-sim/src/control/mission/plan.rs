@@ -1,7 +1,7 @@
 //! What the control center is told before a mission: who flies, from where, along which lanes.
 
 use crate::{
-    control::{localize::LocalizeConfig, srs_schedule::SrsConfig},
+    control::{airspace::Airspace, localize::LocalizeConfig, srs_schedule::SrsConfig},
     geometry::{V2, V3},
 };
 use skyroost_protocol::{
@@ -16,6 +16,10 @@ pub struct MissionPlan {
     pub drones: Vec<PlannedDrone>,
     /// The fleets with their lanes.
     pub fleets: Vec<PlannedFleet>,
+    /// Where drones may be, and the ways there.
+    pub airspace: Airspace,
+    /// The walls that every drone holds, as waypoints of its mission.
+    pub walls_mm: Vec<[i32; 2]>,
     /// Side of the triangle (the paper's `d`), metres.
     pub spacing_m: f64,
     /// How the triangle turns.
@@ -30,7 +34,9 @@ pub struct MissionPlan {
     pub radius_m: f64,
     /// Separation of true centres (the paper's `d_safe`), metres.
     pub d_safe_m: f64,
-    /// Least distance of two placements: what avoidance plans with, so that both can be held.
+    /// What avoidance plans with: goals that are nearer to each other cannot both be held, metres.
+    pub d_plan_m: f64,
+    /// Least distance of two placements, some more than `d_plan_m`, metres.
     pub min_goal_distance_m: f64,
     /// How often users are asked.
     pub srs: SrsConfig,

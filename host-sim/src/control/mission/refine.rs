@@ -153,9 +153,15 @@ impl Refinement {
         self.stations[station].listening.page(page, pos_m);
     }
 
-    /// Goes on at `now`; `seen` says of each station what its drone does. Calls `send` with the stations
-    /// to be moved. True when all drones serve at their best places.
-    pub(super) fn step(&mut self, now: TimePs, seen: &[Seen], mut send: impl FnMut(usize, V2)) -> bool {
+    /// Goes on at `now`; `seen` says of each station what its drone does, and `free` whether one may fly straight from a
+    /// place to another. Calls `send` with the stations to be moved. True when all drones serve at their best places.
+    pub(super) fn step(
+        &mut self,
+        now: TimePs,
+        seen: &[Seen],
+        free: impl Fn(V2, V2) -> bool,
+        mut send: impl FnMut(usize, V2),
+    ) -> bool {
         for (station, seen) in self.stations.iter_mut().zip(seen) {
             if let Seen::Serving(pos_m) = seen
                 && (pos_m - station.pos_m).norm() <= SETTLED_M
@@ -177,7 +183,7 @@ impl Refinement {
         if !give_up {
             self.conclude();
             if self.trials < MOST_TRIALS {
-                moves = self.moves();
+                moves = self.moves(&free);
             }
         }
         self.trials += 1;
@@ -234,9 +240,9 @@ impl Refinement {
     }
 
     /// The next trials: the most promising first, and none that could share a user with one chosen.
-    fn moves(&self) -> BTreeMap<usize, V2> {
+    fn moves(&self, free: &impl Fn(V2, V2) -> bool) -> BTreeMap<usize, V2> {
         let mut promising: Vec<(usize, Move)> = (0..self.stations.len())
-            .filter_map(|k| Some((k, self.best_move(k)?)))
+            .filter_map(|k| Some((k, self.best_move(k, free)?)))
             .filter(|(_, found)| found.gain_users >= LEAST_GAIN_USERS)
             .collect();
         promising.sort_by(|a, b| b.1.gain_users.total_cmp(&a.1.gain_users));
@@ -250,7 +256,7 @@ impl Refinement {
         chosen
     }
 
-    fn best_move(&self, station: usize) -> Option<Move> {
+    fn best_move(&self, station: usize, free: &impl Fn(V2, V2) -> bool) -> Option<Move> {
         let best = self.stations[station].best.as_ref()?;
         let others = self.served_by_others(station);
         let in_reach = |user: &User| user.cloud.in_reach(best.pos_m, self.radius_m, REACH_M);
@@ -263,7 +269,8 @@ impl Refinement {
         let taken: Vec<V2> =
             around.flat_map(|(_, s)| [Some(s.pos_m), s.best.as_ref().map(|b| b.pos_m)]).flatten().collect();
         // Neighbours may be on their way to a trial at the same time.
-        let allowed = |at: V2| taken.iter().all(|t| (t - at).norm() >= self.min_distance_m);
+        let apart = |at: V2| taken.iter().all(|t| (t - at).norm() >= self.min_distance_m);
+        let allowed = |at: V2| apart(at) && free(best.pos_m, at);
         best_move(best.pos_m, &clouds, served, self.radius_m, allowed)
     }
 }
@@ -315,10 +322,15 @@ mod tests {
                 }
                 let seen: Vec<Seen> = self.at_m.iter().map(|at| Seen::Serving(*at)).collect();
                 let Self { goals_m, moves, .. } = self;
-                let done = refinement.step(now, &seen, |drone, to_m| {
-                    goals_m[drone] = to_m;
-                    *moves += 1;
-                });
+                let done = refinement.step(
+                    now,
+                    &seen,
+                    |_, _| true,
+                    |drone, to_m| {
+                        goals_m[drone] = to_m;
+                        *moves += 1;
+                    },
+                );
                 if done {
                     return tick / 5;
                 }
@@ -362,7 +374,8 @@ mod tests {
     fn a_drone_that_leaves_ends_the_trials() {
         let (_, mut refinement) = world(vec![], &[V2::zeros(), V2::new(2e3, 0.0)], &[]);
         let seen = [Seen::Left, Seen::Serving(V2::new(2e3, 0.0))];
-        let mut step = |ms| refinement.step(TimePs::from_ms(ms), &seen, |_, _| panic!("nobody is moved"));
+        let mut step =
+            |ms| refinement.step(TimePs::from_ms(ms), &seen, |_, _| true, |_, _| panic!("nobody is moved"));
         assert!(!step(40));
         assert!(step(80));
     }

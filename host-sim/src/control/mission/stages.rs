@@ -3,6 +3,7 @@
 use super::{
     ControlCenter, MissionError, Stage, Station, Target,
     drone::DroneLink,
+    goals::{GoalConflict, conflict},
     pos_m,
     refine::{Refinement, Seen},
 };
@@ -16,7 +17,7 @@ use crate::{
 };
 use nalgebra::Matrix2;
 use skyroost_protocol::{
-    message::{Attached, Command, FlightPhase, MissionHeader},
+    message::{Attached, Command, FlightPhase, MissionHeader, WAYPOINTS_PER_WALL},
     units::{DroneId, MissionId, PosEnuMm, TimePs, UserId, mm_from_m},
 };
 
@@ -44,7 +45,7 @@ impl ControlCenter {
                 self.send_off(now);
                 self.deployed(now).then_some(Stage::Refine)
             }
-            Stage::Refine => self.refined(now).then_some(Stage::Serve),
+            Stage::Refine => self.refined(now)?.then_some(Stage::Serve),
             Stage::Serve => None,
         };
         match next {
@@ -133,12 +134,13 @@ impl ControlCenter {
         let plan = &self.plan;
         for (planned, link) in plan.drones.iter().zip(&mut self.drones) {
             let fleet = planned.fleet.map(|(index, _)| &plan.fleets[index]);
-            let waypoints: Vec<[i32; 2]> = fleet.map_or_else(Vec::new, |f| {
+            let mut waypoints: Vec<[i32; 2]> = fleet.map_or_else(Vec::new, |f| {
                 f.waypoints_m
                     .iter()
                     .map(|p| [(p.x * 1e3).round() as i32, (p.y * 1e3).round() as i32])
                     .collect()
             });
+            waypoints.extend(&plan.walls_mm);
             let header = MissionHeader {
                 mission: MISSION,
                 fleet: planned.fleet.map(|(index, _)| skyroost_protocol::units::FleetId(index as u16)),
@@ -152,6 +154,7 @@ impl ControlCenter {
                 home: PosEnuMm(planned.pad_m.map(|m| mm_from_m(m as f32)).into()),
                 waypoints: waypoints.len() as u16,
                 d_safe_mm: (plan.d_safe_m * 1e3) as u16,
+                walls: (plan.walls_mm.len() / WAYPOINTS_PER_WALL) as u16,
             };
             link.upload(header, waypoints);
         }
@@ -164,11 +167,7 @@ impl ControlCenter {
         let fleet = Fleet { drones: self.drones.len(), min_separation_m: self.plan.min_goal_distance_m };
         let placement = place_expected(&beliefs, self.plan.radius_m, fleet)?;
         self.targets = self.assign_targets(&placement);
-        for target in &self.targets {
-            if target.station.is_none() && self.plan.drones[target.drone].fleet.is_some() {
-                self.drones[target.drone].command(Command::ReturnHome);
-            }
-        }
+        self.check_goals()?;
         self.placement = Some(placement);
         Ok(())
     }
@@ -184,12 +183,13 @@ impl ControlCenter {
     /// Which drone flies where, so that the longest flight is the shortest possible.
     fn assign_targets(&self, placement: &crate::control::place::Placement) -> Vec<Target> {
         let from: Vec<V2> = (0..self.drones.len()).map(|d| self.drone_pos_m(d)).collect();
-        let sites: Vec<(usize, V2)> = placement
-            .sites
-            .iter()
-            .enumerate()
-            .filter_map(|(index, site)| site.as_ref().map(|s| (index, s.pos_m)))
-            .collect();
+        let planned = placement.sites.iter().enumerate();
+        let planned = planned.filter_map(|(index, site)| Some((index, site.as_ref()?.pos_m)));
+        let (indices, asked_m): (Vec<usize>, Vec<V2>) = planned.unzip();
+        // A site where no drone may be is moved to the nearest place where one may.
+        let settled = self.plan.airspace.settled(&asked_m, self.plan.min_goal_distance_m);
+        let sites: Vec<(usize, V2)> =
+            indices.into_iter().zip(settled).filter_map(|(index, at)| Some((index, at?))).collect();
         let goals: Vec<V2> = sites.iter().map(|(_, pos_m)| *pos_m).collect();
         let chosen = assign(&from, &goals);
         let station_of = |drone: usize| {
@@ -197,6 +197,13 @@ impl ControlCenter {
             Some(Station { site, pos_m })
         };
         (0..self.drones.len()).map(|drone| Target { drone, station: station_of(drone) }).collect()
+    }
+
+    /// Refuses goals that cannot all be held.
+    fn check_goals(&self) -> Result<(), GoalConflict> {
+        let goals: Vec<_> =
+            self.stations().map(|(drone, pos_m)| (self.plan.drones[drone].id, pos_m)).collect();
+        conflict(&goals, self.plan.d_plan_m).map_or(Ok(()), Err)
     }
 
     /// Where a drone is; a reserve that never flew is on its pad.
@@ -209,23 +216,46 @@ impl ControlCenter {
         self.targets.iter().filter_map(way_m).fold(0.0, f64::max) + 10_000.0
     }
 
-    /// Sends every drone that is ready to its site: reserves climb first.
+    /// Sends every drone that is ready to its site, or home, from corner to corner around obstacles: reserves climb
+    /// first.
     fn send_off(&mut self, now: TimePs) {
+        let plan = &self.plan;
         for target in &self.targets {
-            let Some(station) = target.station else { continue };
-            let drone = &mut self.drones[target.drone];
-            match drone.phase(now) {
-                Some(FlightPhase::Grounded) => drone.command(Command::TakeOff),
-                Some(FlightPhase::Hold) => drone.command(place_at(station.pos_m, self.plan.altitude_m)),
-                _ => {}
+            let from_m = self.drone_pos_m(target.drone);
+            let (drone, leg) = (&mut self.drones[target.drone], &mut self.legs[target.drone]);
+            let goal_m = target.station.map_or(plan.drones[target.drone].pad_m.xy(), |station| station.pos_m);
+            // Something keeps it from going on: there may be another way from where it stands.
+            let barred = |leg: &Option<V2>| {
+                drone.stands() && leg.is_some_and(|leg_m| !plan.airspace.is_free(from_m, leg_m))
+            };
+            let ready = match drone.phase(now) {
+                Some(FlightPhase::Grounded) if target.station.is_some() => {
+                    drone.command(Command::TakeOff);
+                    false
+                }
+                Some(FlightPhase::Hold) => true,
+                Some(FlightPhase::Serve) => *leg != Some(goal_m),
+                Some(FlightPhase::GoTo) => barred(leg),
+                _ => false,
+            };
+            if ready {
+                let next_m = plan.airspace.next_m(from_m, goal_m);
+                *leg = Some(next_m);
+                let home = target.station.is_none() && next_m == goal_m;
+                drone.command(if home { Command::ReturnHome } else { place_at(next_m, plan.altitude_m) });
             }
         }
     }
 
     fn deployed(&self, now: TimePs) -> bool {
         self.targets.iter().all(|target| {
-            let wanted = if target.station.is_some() { FlightPhase::Serve } else { FlightPhase::Grounded };
-            self.drones[target.drone].phase(now) == Some(wanted)
+            let phase = self.drones[target.drone].phase(now);
+            match target.station {
+                Some(station) => {
+                    phase == Some(FlightPhase::Serve) && self.legs[target.drone] == Some(station.pos_m)
+                }
+                None => phase == Some(FlightPhase::Grounded),
+            }
         })
     }
 
@@ -252,8 +282,8 @@ impl ControlCenter {
     }
 
     /// Moves drones where that promises more; true when there is nothing left to win.
-    fn refined(&mut self, now: TimePs) -> bool {
-        let Some(mut refinement) = self.refinement.take() else { return true };
+    fn refined(&mut self, now: TimePs) -> Result<bool, GoalConflict> {
+        let Some(mut refinement) = self.refinement.take() else { return Ok(true) };
         let seen = |(drone, _): (usize, V2)| match self.drones[drone].phase(now) {
             Some(FlightPhase::Serve) => Seen::Serving(self.drone_pos_m(drone)),
             Some(FlightPhase::GoTo) | None => Seen::UnderWay,
@@ -262,7 +292,9 @@ impl ControlCenter {
         let seen: Vec<Seen> = self.stations().map(seen).collect();
         let mut stations: Vec<(usize, &mut Station)> =
             self.targets.iter_mut().filter_map(|t| Some((t.drone, t.station.as_mut()?))).collect();
-        let done = refinement.step(now, &seen, |station, to_m| {
+        let airspace = &self.plan.airspace;
+        let free = |from_m: V2, to_m: V2| airspace.allows(to_m) && airspace.is_free(from_m, to_m);
+        let done = refinement.step(now, &seen, free, |station, to_m| {
             let (drone, station) = &mut stations[station];
             station.pos_m = to_m;
             self.drones[*drone].command(place_at(to_m, self.plan.altitude_m));
@@ -270,7 +302,8 @@ impl ControlCenter {
         if !done {
             self.refinement = Some(refinement);
         }
-        done
+        self.check_goals()?;
+        Ok(done)
     }
 }
 

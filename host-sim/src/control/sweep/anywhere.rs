@@ -12,7 +12,7 @@ use crate::geometry::region::Region;
 
 use super::cut::between;
 use super::frame::SweepFrame;
-use super::route::Routes;
+use super::route::{ROOM_M, Routes};
 use super::timing::length_m;
 use super::tour::{Distances, order};
 use super::{SweepError, Way, swept};
@@ -126,7 +126,7 @@ impl Laid {
     }
 
     fn way(&self) -> Result<Way, SweepError> {
-        let routes = Routes::new(self.area.no_fly(), self.reach.clearance_m);
+        let routes = Routes::new(self.area.no_fly(), self.reach.clearance_m, ROOM_M, |_| true);
         let mut stops: Vec<[V2; 2]> =
             self.lanes.iter().flat_map(|[west, east]| routes.free_parts(*west, *east)).collect();
         if stops.is_empty() {

@@ -19,7 +19,7 @@ mod frame;
 mod lanes;
 mod planner;
 mod request;
-mod route;
+pub(super) mod route;
 mod timing;
 mod tour;
 
@@ -32,7 +32,7 @@ use crate::geometry::region::Region;
 use anywhere::Reach;
 use planner::{Planner, Share};
 use request::{MAX_LANES, check};
-use route::Routes;
+use route::{ROOM_M, Routes};
 use timing::Timing;
 
 /// How far a corner may be cut by the flight code (`guidance::lanes`), rounded up, metres.
@@ -163,7 +163,7 @@ pub fn plan(region: &Region, request: &SweepRequest) -> Result<SweepPlan, SweepE
         timing: Timing::new(request.speed_mps, &request.corner),
         entry_m: request.entry_m.as_deref().unwrap_or_default(),
         reach,
-        routes: Routes::new(region.no_fly(), reach.clearance_m),
+        routes: Routes::new(region.no_fly(), reach.clearance_m, ROOM_M, |_| true),
         clearance_m: apart::clearance_m(request.spacing_m),
     };
     let (split, shares) = planner.shares(request.split)?;

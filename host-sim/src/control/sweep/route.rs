@@ -8,12 +8,15 @@ use crate::geometry::region::grown;
 use crate::geometry::{V2, cross};
 
 /// Corners of a way lie this much farther out than what must not be crossed.
-const ROOM_M: f64 = 1.0;
+pub(super) const ROOM_M: f64 = 1.0;
 
 /// What may be flown, and the shortest ways there.
-pub(super) struct Routes {
+#[derive(Clone, Debug)]
+pub(in crate::control) struct Routes {
     /// What the centre of a fleet must not enter, with the boxes around.
     blocked: Vec<(Polygon, [V2; 2])>,
+    /// Borders on which ways lead around it.
+    around: Vec<Polygon>,
     /// Corners of ways around it.
     nodes: Vec<V2>,
     /// From each node the nodes it sees, with their distances.
@@ -21,20 +24,25 @@ pub(super) struct Routes {
 }
 
 impl Routes {
-    /// Ways that stay `clearance_m` away from all zones.
-    pub(super) fn new(zones: &[Polygon], clearance_m: f64) -> Self {
+    /// Ways that stay `clearance_m` away from all zones, with corners `room_m` farther out, where those are `allowed`.
+    pub(in crate::control) fn new(
+        zones: &[Polygon],
+        clearance_m: f64,
+        room_m: f64,
+        allowed: impl Fn(V2) -> bool,
+    ) -> Self {
+        if zones.is_empty() {
+            return Self { blocked: Vec::new(), around: Vec::new(), nodes: Vec::new(), sees: Vec::new() };
+        }
         let blocked: Vec<_> = grown(zones, clearance_m)
             .into_iter()
             .map(|ring| (ring.bbox_m(), ring))
             .map(|(b, r)| (r, b))
             .collect();
-        let mut routes = Self { blocked, nodes: Vec::new(), sees: Vec::new() };
-        if zones.is_empty() {
-            return routes;
-        }
-        let corners = grown(zones, clearance_m + ROOM_M);
-        let corners = corners.iter().flat_map(|ring| ring.vertices_m().iter().copied());
-        routes.nodes = corners.filter(|p| routes.is_free_point(*p)).collect();
+        let around = grown(zones, clearance_m + room_m);
+        let mut routes = Self { blocked, around, nodes: Vec::new(), sees: Vec::new() };
+        let corners = routes.around.iter().flat_map(|ring| ring.vertices_m().iter().copied());
+        routes.nodes = corners.filter(|p| routes.is_free_point(*p) && allowed(*p)).collect();
         let n = routes.nodes.len();
         routes.sees = vec![Vec::new(); n];
         for i in 0..n {
@@ -50,21 +58,27 @@ impl Routes {
     }
 
     /// Whether there is nothing to fly around.
-    pub(super) fn is_open(&self) -> bool {
+    pub(in crate::control) fn is_open(&self) -> bool {
         self.blocked.is_empty()
     }
 
     /// Corners of ways around the zones: free places near to them.
-    pub(super) fn nodes_m(&self) -> &[V2] {
+    pub(in crate::control) fn nodes_m(&self) -> &[V2] {
         &self.nodes
     }
 
-    pub(super) fn is_free_point(&self, p: V2) -> bool {
+    /// Borders that lead around the zones.
+    pub(in crate::control) fn around(&self) -> &[Polygon] {
+        &self.around
+    }
+
+    /// Whether a point is outside of what must not be entered.
+    pub(in crate::control) fn is_free_point(&self, p: V2) -> bool {
         !self.blocked.iter().any(|(ring, [min, max])| within(p, *min, *max) && ring.contains(p))
     }
 
     /// Whether the straight way between two points is free.
-    pub(super) fn is_free(&self, a: V2, b: V2) -> bool {
+    pub(in crate::control) fn is_free(&self, a: V2, b: V2) -> bool {
         let (low, high) = (a.inf(&b), a.sup(&b));
         !self.blocked.iter().any(|(ring, [min, max])| {
             let near = low.x <= max.x && min.x <= high.x && low.y <= max.y && min.y <= high.y;
@@ -73,7 +87,7 @@ impl Routes {
     }
 
     /// The free parts of a level leg from west to east.
-    pub(super) fn free_parts(&self, west: V2, east: V2) -> Vec<[V2; 2]> {
+    pub(in crate::control) fn free_parts(&self, west: V2, east: V2) -> Vec<[V2; 2]> {
         let y = west.y;
         let mut cuts_m = vec![west.x, east.x];
         for (ring, [min, max]) in &self.blocked {
@@ -97,7 +111,7 @@ impl Routes {
     }
 
     /// Distances from a point to some others, metres; infinite where there is no way.
-    pub(super) fn distances_m(&self, from: V2, to: &[V2]) -> Vec<f64> {
+    pub(in crate::control) fn distances_m(&self, from: V2, to: &[V2]) -> Vec<f64> {
         if self.is_open() {
             return to.iter().map(|p| (p - from).norm()).collect();
         }
@@ -114,7 +128,7 @@ impl Routes {
     }
 
     /// The shortest way, both ends included; none where there is none.
-    pub(super) fn way(&self, from: V2, to: V2) -> Option<Vec<V2>> {
+    pub(in crate::control) fn way(&self, from: V2, to: V2) -> Option<Vec<V2>> {
         if self.is_free(from, to) {
             return Some(vec![from, to]);
         }
@@ -213,7 +227,7 @@ mod tests {
 
     #[test]
     fn truth_around_a_square() {
-        let routes = Routes::new(&[rectangle(0.0, 0.0, 1000.0, 1000.0)], 40.0);
+        let routes = Routes::new(&[rectangle(0.0, 0.0, 1000.0, 1000.0)], 40.0, ROOM_M, |_| true);
         let (a, b) = (V2::new(-500.0, 500.0), V2::new(1500.0, 500.0));
         let way = routes.way(a, b).unwrap();
         // Taut around the south or the north: between the square's corners and those 45 m out.
@@ -237,7 +251,7 @@ mod tests {
             rectangle(0.0, 0.0, 50.0, 1000.0),
             rectangle(950.0, 0.0, 1000.0, 1000.0),
         ];
-        let routes = Routes::new(&walls, 40.0);
+        let routes = Routes::new(&walls, 40.0, ROOM_M, |_| true);
         let (inside, outside) = (V2::new(500.0, 500.0), V2::new(2000.0, 500.0));
         assert_eq!(routes.way(outside, inside), None);
         assert_eq!(routes.distances_m(outside, &[inside]), [f64::INFINITY]);
@@ -245,8 +259,8 @@ mod tests {
 
     #[test]
     fn a_leg_is_cut_where_zones_lie() {
-        let routes =
-            Routes::new(&[rectangle(100.0, -10.0, 200.0, 10.0), rectangle(500.0, -10.0, 510.0, 5.0)], 20.0);
+        let zones = [rectangle(100.0, -10.0, 200.0, 10.0), rectangle(500.0, -10.0, 510.0, 5.0)];
+        let routes = Routes::new(&zones, 20.0, ROOM_M, |_| true);
         let parts = routes.free_parts(V2::zeros(), V2::new(1000.0, 0.0));
         assert_eq!(parts.len(), 3);
         for (part, [from, to]) in parts.iter().zip([[0.0, 79.0], [221.0, 479.0], [531.0, 1000.0]]) {

@@ -16,6 +16,7 @@ function drawGround(layer, shown) {
   drawArea(pen);
   if (grid) drawGrid(pen);
   outlineArea(pen);
+  drawFence(pen);
   if (noFly) drawNoFly(pen);
   if (plan) drawPlan(pen);
   if (uncovered) drawUncovered(pen);
@@ -49,6 +50,17 @@ function outlineArea(pen) {
   pen.strokeStyle = theme.outline;
   pen.lineWidth = 1.5;
   pen.stroke();
+}
+
+function drawFence(pen) {
+  if (data.fence_m.length === 0) return;
+  pen.beginPath();
+  tracePolygon(pen, data.fence_m);
+  pen.strokeStyle = theme["no-fly"];
+  pen.lineWidth = 1;
+  pen.setLineDash([8, 5]);
+  pen.stroke();
+  pen.setLineDash([]);
 }
 
 function drawGrid(pen) {

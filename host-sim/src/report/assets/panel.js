@@ -54,6 +54,14 @@ function keyResults() {
       passed: isNumber(safety.violations) ? safety.violations === 0 : null,
     },
     {
+      name: "Within the fence",
+      value: formatWith(safety.min_fence_distance_m, "m", 1),
+      note: isNumber(safety.min_obstacle_distance_m)
+        ? `obstacles kept at ${formatWith(safety.min_obstacle_distance_m, "m", 1)}`
+        : "no obstacles",
+      passed: isNumber(safety.min_fence_distance_m) ? safety.min_fence_distance_m >= 0 : null,
+    },
+    {
       name: "Formation error, RMS",
       value: formatWith(safety.formation_error_rms_m, "m", 2),
       note: `largest ${formatWith(safety.formation_error_max_m, "m", 2)}`,

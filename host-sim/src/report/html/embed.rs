@@ -20,6 +20,7 @@ pub(super) struct Embedded<'a> {
     sweep_s: [f64; 2],
     area_m: Vec<Vec<[f64; 2]>>,
     no_fly_m: Vec<Vec<[f64; 2]>>,
+    fence_m: Vec<[f64; 2]>,
     sub_areas: Vec<SubAreaRecord>,
     uncovered_m: Vec<Vec<[f64; 2]>>,
     drones: Vec<EmbeddedDrone>,
@@ -73,6 +74,7 @@ impl<'a> Embedded<'a> {
             sweep_s: sweep_s(recording, end_s),
             area_m: rings_to_centimetres(&recording.area_m),
             no_fly_m: rings_to_centimetres(&recording.no_fly_m),
+            fence_m: to_centimetres(&recording.fence_m),
             sub_areas: recording.sub_areas.iter().map(sub_area).collect(),
             uncovered_m: rings_to_centimetres(&recording.uncovered_m),
             drones: recording
