@@ -125,6 +125,12 @@ impl PeerTable {
         }
     }
 
+    /// The neighbour at a place in the table.
+    #[must_use]
+    pub fn get(&self, index: usize) -> Option<&Peer> {
+        self.peers.get(index)
+    }
+
     /// The neighbours, in the order first heard.
     pub fn iter(&self) -> impl Iterator<Item = &Peer> {
         self.peers.iter()

@@ -98,7 +98,7 @@ mod tests {
                 let t = f32::from(i) * 0.01;
                 (l + v * way_s(t, stop(&v)) - w * way_s(t, stop(&w))).norm()
             };
-            let least = (0..800).map(at).fold(f32::INFINITY, f32::min);
+            let least = (0..800).map(at).fold(f32::INFINITY, lesser);
             prop_assert!((found - least).abs() < 0.6, "{} {}", found, least);
         }
 

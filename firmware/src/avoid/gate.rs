@@ -32,7 +32,12 @@ const TRIES: [(f32, f32); 12] = [
 ///
 /// None is turned towards one of the `walls` more than its row allows, or than `wanted` is already.
 #[must_use]
-pub fn passing(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], walls: &[HalfPlane]) -> Vec3 {
+pub fn passing<N: Iterator<Item = Neighbour>>(
+    own: &Mover,
+    wanted: Vec3,
+    neighbours: impl Fn() -> N,
+    walls: &[HalfPlane],
+) -> Vec3 {
     let free =
         |v: &Vec3| walls.iter().all(|row| row.normal.dot(v) >= lesser(row.at_least, row.normal.dot(&wanted)));
     let mut best = (f32::NEG_INFINITY, wanted);
@@ -43,7 +48,7 @@ pub fn passing(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], walls: &[Hal
         if !free(&v) {
             continue;
         }
-        let room_m = room_m(own, &v, neighbours);
+        let room_m = room_m(own, &v, neighbours());
         if room_m >= 0.0 {
             return v;
         }
@@ -55,11 +60,11 @@ pub fn passing(own: &Mover, wanted: Vec3, neighbours: &[Neighbour], walls: &[Hal
 }
 
 /// The least room to any neighbour beyond what is to be kept, if this drone sought velocity `v` and then all braked; metres.
-fn room_m(own: &Mover, v: &Vec3, neighbours: &[Neighbour]) -> f32 {
+fn room_m(own: &Mover, v: &Vec3, neighbours: impl Iterator<Item = Neighbour>) -> f32 {
     let reached = own.vel_enu_mps + limited(v - own.vel_enu_mps, REACHED_MPS);
     let mut least = f32::INFINITY;
     for neighbour in neighbours {
-        if let Some((closest, keep_m)) = braking::meeting(own, &reached, neighbour, 0.0) {
+        if let Some((closest, keep_m)) = braking::meeting(own, &reached, &neighbour, 0.0) {
             least = lesser(least, closest.rel_m.norm() - keep_m);
         }
     }

@@ -44,7 +44,7 @@ pub enum Vertical {
     Level,
     /// As gladly as to the side.
     Free,
-    /// More gladly: a metre up counts for half of one to the side.
+    /// More gladly: a metre to the side counts for one and a half up or down.
     #[default]
     Preferred,
 }
@@ -55,7 +55,7 @@ impl Vertical {
         match self {
             Self::Level => 0.0,
             Self::Free => 1.0,
-            Self::Preferred => 2.0,
+            Self::Preferred => 1.5,
         }
     }
 }
@@ -151,54 +151,68 @@ fn by_halfplanes(
     walls: impl Iterator<Item = Wall>,
     separation: &Separation,
 ) -> Avoided {
-    // The nearest first, so that the answer does not depend on whom the drone heard first.
-    let mut neighbours: Vec<Neighbour, MAX_PEERS> = Vec::new();
-    for peer in peers.iter() {
-        // Whatever either does within the horizon, they cannot come near: most neighbours end here.
-        if (peer.heard_at_m() - own.pos_enu_m).norm_squared() > REACH_M * REACH_M {
-            continue;
-        }
-        let (error_m, keep_out_m) = (peer.error_radius_m(), peer.keep_out_m(now));
-        let neighbour = Neighbour {
-            mover: peer.predicted(now),
-            plan_m: separation.plan_m(error_m) + keep_out_m,
-            keep_m: separation.keep_m(error_m) + keep_out_m,
-        };
-        // As many as there are peers.
-        let _ = neighbours.push(neighbour);
-        let beyond_m = |n: &Neighbour| (n.mover.pos_enu_m - own.pos_enu_m).norm_squared();
-        let mut list = neighbours.as_mut_slice();
-        while let [before @ .., last] = list {
-            let Some(previous) = before.last_mut().filter(|previous| beyond_m(previous) > beyond_m(last))
-            else {
-                break;
-            };
-            core::mem::swap(previous, last);
-            list = before;
-        }
-    }
+    let near = Near::new(now, own, peers, separation);
     let walls = walls::rows(own, walls, separation.own_error_m + TRACKING_M);
-    let planned = planned(own, wanted, &neighbours, &walls, separation);
-    let passing = gate::passing(own, planned, &neighbours, &walls);
+    let planned = planned(own, wanted, &near, &walls);
+    let passing = gate::passing(own, planned, || near.iter(), &walls);
     // Beyond all bounds (a velocity of 1e20 m/s) numbers overflow: to stop is the answer then.
     let vel_enu_mps = if passing.iter().all(|x| x.is_finite()) { passing } else { Vec3::zeros() };
     Avoided { vel_enu_mps, active: vel_enu_mps != wanted }
 }
 
+/// The peers that may matter, the nearest first: so the answer does not depend on whom the drone heard first.
+///
+/// They are worked out anew wherever they are needed: a board has the time for that, and not the memory to keep them.
+struct Near<'a> {
+    now: TimePs,
+    peers: &'a PeerTable,
+    separation: &'a Separation,
+    /// Square of the distance, and place in the table.
+    order: Vec<(f32, u8), MAX_PEERS>,
+}
+
+impl<'a> Near<'a> {
+    fn new(now: TimePs, own: &Mover, peers: &'a PeerTable, separation: &'a Separation) -> Self {
+        let mut order: Vec<(f32, u8), MAX_PEERS> = Vec::new();
+        for (index, peer) in peers.iter().enumerate() {
+            // Whatever either does within the horizon, they cannot come near: most peers end here.
+            if (peer.heard_at_m() - own.pos_enu_m).norm_squared() > REACH_M * REACH_M {
+                continue;
+            }
+            let away_m2 = (peer.predicted(now).pos_enu_m - own.pos_enu_m).norm_squared();
+            // As many as there are peers.
+            let _ = order.push((away_m2, index as u8));
+            let mut sorted = order.as_mut_slice();
+            while let [before @ .., last] = sorted {
+                let Some(previous) = before.last_mut().filter(|previous| previous.0 > last.0) else { break };
+                core::mem::swap(previous, last);
+                sorted = before;
+            }
+        }
+        Self { now, peers, separation, order }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = Neighbour> {
+        self.order.iter().filter_map(|&(_, index)| self.peers.get(usize::from(index))).map(|peer| {
+            let (error_m, keep_out_m) = (peer.error_radius_m(), peer.keep_out_m(self.now));
+            Neighbour {
+                mover: peer.predicted(self.now),
+                plan_m: self.separation.plan_m(error_m) + keep_out_m,
+                keep_m: self.separation.keep_m(error_m) + keep_out_m,
+            }
+        })
+    }
+}
+
 /// The velocity nearest to `wanted` that the half-planes of all neighbours and walls allow.
 #[inline(never)] // a board has no room for the rows beside what the gate needs
-fn planned(
-    own: &Mover,
-    wanted: Vec3,
-    neighbours: &[Neighbour],
-    walls: &[HalfPlane],
-    separation: &Separation,
-) -> Vec3 {
+fn planned(own: &Mover, wanted: Vec3, near: &Near<'_>, walls: &[HalfPlane]) -> Vec3 {
+    let separation = near.separation;
     let stretch = separation.vertical.stretch();
     let mut rows: Vec<HalfPlane, MAX_ROWS> = Vec::new();
     let mut clear = true;
-    for neighbour in neighbours {
-        pca::rows(own, neighbour, |row| {
+    for neighbour in near.iter() {
+        pca::rows(own, &neighbour, |row| {
             clear &= row.allows(&wanted);
             // Two rows a neighbour, 32 neighbours and the walls fit MAX_ROWS. What no level flight can keep is left to the gate.
             let _ = row.stretched(stretch).map(|row| rows.push(row));

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use super::elf::Elf;
-use super::thumb::{self, Op, SP, Value};
+use super::thumb::{self, Op, PC, SP, Value};
 
 /// How many instructions back the definition of a register is looked for. Compilers put it right before.
 const LOOK_BACK: usize = 6;
@@ -163,8 +163,9 @@ impl Walk<'_> {
                 self.flow.returns = true;
                 after = None;
             }
-            Op::Table(of_halfwords) => {
-                for target in self.table(end, of_halfwords) {
+            Op::Table(base, of_halfwords) => {
+                let start = if base == PC { Some(end) } else { self.constant(index, base) };
+                for target in self.table(start, end, of_halfwords) {
                     self.reach(address, target, depth, open);
                 }
                 after = None;
@@ -202,19 +203,23 @@ impl Walk<'_> {
         self.flow.returns |= !self.never_return.contains(&target);
     }
 
-    /// Where the table at `start` leads: twice each entry, counted from the table (A7.7.185). Nothing says
+    /// Where the table at `start` leads: twice each entry, counted from `end` of the instruction (A7.7.185). Nothing says
     /// how long it is, and constants may follow it. All its entries lead to instructions, so it ends before
     /// the first that does not; what is taken too much leads into this function all the same.
-    fn table(&mut self, start: u32, of_halfwords: bool) -> Vec<u32> {
+    fn table(&mut self, start: Option<u32>, end: u32, of_halfwords: bool) -> Vec<u32> {
+        let Some(start) = start else {
+            self.is_unknown(end, "a table of branches that lies nobody knows where");
+            return Vec::new();
+        };
         let next = self.code.partition_point(|instruction| instruction.address < start);
-        let end = self.code.get(next).map_or(self.end, |instruction| instruction.address);
+        let close = self.code.get(next).map_or(self.end, |instruction| instruction.address);
         let width = if of_halfwords { 2 } else { 1 };
-        let entries = self.elf.bytes(start, end).chunks_exact(width).map(|entry| match *entry {
+        let entries = self.elf.bytes(start, close).chunks_exact(width).map(|entry| match *entry {
             [low, high] => u32::from(u16::from_le_bytes([low, high])),
             _ => u32::from(entry[0]),
         });
         let targets: Vec<u32> = entries
-            .map(|entry| start.saturating_add(2 * entry))
+            .map(|entry| end.saturating_add(2 * entry))
             .take_while(|target| *target < self.end && self.index_of(*target).is_some())
             .collect();
         if targets.is_empty() {
@@ -327,6 +332,14 @@ mod tests {
         let flow = flow(&[0xe8df, 0xf001, 0x0302, 0xbf00, 0x4770, 0xde00], &[(0x104, 0x106)]);
         assert_eq!(flow.traps, [0x10a]);
         assert!(flow.unknown.is_empty() && flow.indirect.is_empty(), "{flow:?}");
+    }
+
+    #[test]
+    fn a_table_may_lie_where_a_register_says() {
+        // adr.w r1, 0x10c; tbb [r1, r0]; bx lr; nop: 0 -> bx lr, 3 -> udf
+        let flow = flow(&[0xf20f, 0x0108, 0xe8d1, 0xf000, 0x4770, 0xbf00, 0x0300, 0xde00], &[(0x10c, 0x10e)]);
+        assert_eq!(flow.traps, [0x10e]);
+        assert!(flow.returns && flow.unknown.is_empty(), "{flow:?}");
     }
 
     #[test]

@@ -6,7 +6,7 @@
 /// The stack pointer's number among the registers.
 pub(super) const SP: u8 = 13;
 const LR: u8 = 14;
-const PC: u8 = 15;
+pub(super) const PC: u8 = 15;
 
 /// An instruction's effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,8 +29,9 @@ pub(super) enum Op {
     CallRegister,
     /// Goes to an address that was calculated or loaded.
     Jump,
-    /// Goes to one of the addresses in the table that follows, of bytes or, if `true`, of halfwords.
-    Table(bool),
+    /// Goes to one of the addresses in the table at what the register holds (the table that follows, for the program
+    /// counter), of bytes or, if `true`, of halfwords.
+    Table(u8, bool),
     /// The next so many instructions are conditional.
     IfThen(u8),
     /// Raises a fault: what a compiler puts where nothing should come.
@@ -101,7 +102,7 @@ fn wide(first: u16, second: u16, address: u32) -> Op {
         0xea00..=0xebff => shifted_register(first, second),
         0xec00..=0xedff => load_store_floats(first, second),
         0xf000..=0xf7ff if second & 0x8000 != 0 => branch(first, second, address),
-        0xf000..=0xf7ff => immediate(first, second),
+        0xf000..=0xf7ff => immediate(first, second, address),
         0xf800..=0xf9ff => load_store_one(first, second),
         _ => Op::Other,
     }
@@ -111,7 +112,7 @@ fn wide(first: u16, second: u16, address: u32) -> Op {
 fn load_store_several(first: u16, second: u16) -> Op {
     let base = (first & 15) as u8;
     if first & 0xfff0 == 0xe8d0 && second & 0xffe0 == 0xf000 {
-        return Op::Table(second & 0x10 != 0); // TBB, TBH
+        return Op::Table(base, second & 0x10 != 0); // TBB, TBH
     }
     if first & 0x40 != 0 {
         let writes_back = first & 0x20 != 0;
@@ -179,7 +180,7 @@ fn branch(first: u16, second: u16, address: u32) -> Op {
 }
 
 /// ADD, SUB, MOV, BIC and BFC of immediate numbers (A5.3.1, A5.3.3).
-fn immediate(first: u16, second: u16) -> Op {
+fn immediate(first: u16, second: u16, address: u32) -> Op {
     let (operand, destination) = ((first & 15) as u8, (second >> 8 & 15) as u8);
     let plain =
         u32::from(first >> 10 & 1) << 11 | u32::from(second >> 12 & 7) << 8 | u32::from(second & 0xff);
@@ -188,6 +189,9 @@ fn immediate(first: u16, second: u16) -> Op {
     match first & 0xfbe0 {
         0xf100 if destination != PC => set(destination, operand, expanded() as i32), // ADD.W
         0xf1a0 if destination != PC => set(destination, operand, (expanded() as i32).wrapping_neg()), // SUB.W
+        0xf200 if operand == PC => {
+            Op::Set(destination, Value::Constant(counter(address).wrapping_add(plain)))
+        } // ADR.W
         0xf200 if operand != PC => set(destination, operand, plain as i32),          // ADDW
         0xf2a0 if operand != PC => set(destination, operand, -(plain as i32)),       // SUBW
         0xf040 if operand == PC => Op::Set(destination, Value::Constant(expanded())), // MOV.W
@@ -202,6 +206,11 @@ fn immediate(first: u16, second: u16) -> Op {
         _ if destination == SP && first & 0xfbf0 != 0xf380 => Op::StackUnknown,
         _ => Op::Other,
     }
+}
+
+/// What addresses near an instruction are counted from.
+fn counter(address: u32) -> u32 {
+    (address & !3).wrapping_add(4)
 }
 
 /// STR and LDR of one register (A5.3.7 to A5.3.10).
@@ -310,8 +319,9 @@ mod tests {
             ("ldr.w pc, [r0, #4]", &[0xd0, 0xf8, 0x04, 0xf0], Op::Jump),
             ("ldr.w pc, [r0, r1, lsl #2]", &[0x50, 0xf8, 0x21, 0xf0], Op::Jump),
             ("blx r3", &[0x98, 0x47], Op::CallRegister),
-            ("tbb [pc, r1]", &[0xdf, 0xe8, 0x01, 0xf0], Op::Table(false)),
-            ("tbh [pc, r1, lsl #1]", &[0xdf, 0xe8, 0x11, 0xf0], Op::Table(true)),
+            ("tbb [pc, r1]", &[0xdf, 0xe8, 0x01, 0xf0], Op::Table(PC, false)),
+            ("tbh [pc, r1, lsl #1]", &[0xdf, 0xe8, 0x11, 0xf0], Op::Table(PC, true)),
+            ("tbh [r1, r5, lsl #1]", &[0xd1, 0xe8, 0x15, 0xf0], Op::Table(1, true)),
             ("it eq", &[0x08, 0xbf], Op::IfThen(1)),
             ("itttt ne", &[0x1f, 0xbf], Op::IfThen(4)),
             ("udf #254", &[0xfe, 0xde], Op::Trap),
@@ -347,6 +357,7 @@ mod tests {
             ("mov r0, r1", &[0x08, 0x46], 0, Value::Sum(1, 0)),
             ("bfc r4, #0, #4", &[0x6f, 0xf3, 0x03, 0x04], 4, Value::Aligned(4)),
             ("bic r4, r4, #31", &[0x24, 0xf0, 0x1f, 0x04], 4, Value::Aligned(5)),
+            ("adr.w r1, #16", &[0x0f, 0xf2, 0x10, 0x01], 1, Value::Constant(0x0200_0014)),
             ("movw r12, #9000", &[0x42, 0xf2, 0x28, 0x3c], 12, Value::Constant(9000)),
             ("movt r12, #1", &[0xc0, 0xf2, 0x01, 0x0c], 12, Value::Upper(1)),
             ("mov.w r4, #4096", &[0x4f, 0xf4, 0x80, 0x54], 4, Value::Constant(4096)),
