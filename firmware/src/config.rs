@@ -92,6 +92,8 @@ pub struct SupervisorConfig {
     pub battery_low_permille: u16,
     /// Charge below which it lands where it is, per mille.
     pub battery_critical_permille: u16,
+    /// Silence of a fleet mate on the lanes after which it counts as lost, milliseconds.
+    pub mate_lost_ms: u32,
 }
 
 impl SupervisorConfig {
@@ -103,6 +105,7 @@ impl SupervisorConfig {
         nav_lost_ms: 500,
         battery_low_permille: 150,
         battery_critical_permille: 50,
+        mate_lost_ms: 1_600,
     };
 }
 

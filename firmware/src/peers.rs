@@ -8,7 +8,7 @@ use crate::{
 };
 use heapless::Vec;
 use skyroost_protocol::{
-    message::PeerState,
+    message::{Manner, PeerState},
     units::{DroneId, TimePs, m_from_mm},
 };
 
@@ -30,9 +30,22 @@ pub struct Peer {
     time: TimePs,
     state: Mover,
     error_radius_m: f32,
+    manner: Manner,
 }
 
 impl Peer {
+    /// Who it is.
+    #[must_use]
+    pub fn drone(&self) -> DroneId {
+        self.drone
+    }
+
+    /// How it flies.
+    #[must_use]
+    pub fn manner(&self) -> Manner {
+        self.manner
+    }
+
     /// Where the neighbour was when it was last heard, metres.
     #[must_use]
     pub fn heard_at_m(&self) -> Vec3 {
@@ -107,6 +120,7 @@ impl PeerTable {
                 vel_enu_mps: Vec3::from(state.vel.mps()),
             },
             error_radius_m: m_from_mm(i32::from(state.error_radius_mm)),
+            manner: state.manner,
         };
         if let Some(known) = self.peers.iter_mut().find(|p| p.drone == peer.drone) {
             if known.time < peer.time {
@@ -151,6 +165,7 @@ mod tests {
             pos: PosEnuMm([1000, 0, 0]),
             vel: VelEnuMmps([2000, 0, 0]),
             error_radius_mm: 2000,
+            manner: Manner::ALONE,
         };
         PeerState { drone: DroneId(drone), state }
     }

@@ -21,16 +21,25 @@ pub enum Condition {
     BatteryLow = 4,
     /// The battery gives just enough to land here.
     BatteryCritical = 5,
+    /// A fleet mate on the lanes has been silent; nothing is done, the control center decides.
+    MateLost = 6,
+    /// Avoidance changed the velocity a moment ago: the drone is not where guidance wants it.
+    Avoiding = 7,
 }
 
+/// A manoeuvre of avoidance goes on until avoidance has had nothing to say for this long.
+const AVOIDED_LATELY: TimePs = TimePs::from_ms(2_000);
+
 impl Condition {
-    const ALL: [Self; 6] = [
+    const ALL: [Self; 8] = [
         Self::LinkQuiet,
         Self::LinkLost,
         Self::LinkGone,
         Self::NavigationLost,
         Self::BatteryLow,
         Self::BatteryCritical,
+        Self::MateLost,
+        Self::Avoiding,
     ];
 
     /// Its bit.
@@ -42,7 +51,7 @@ impl Condition {
     /// What it makes the drone do.
     const fn action(self) -> Action {
         match self {
-            Self::LinkQuiet => Action::None,
+            Self::LinkQuiet | Self::MateLost | Self::Avoiding => Action::None,
             Self::LinkLost | Self::NavigationLost => Action::Hold,
             Self::LinkGone | Self::BatteryLow => Action::ReturnHome,
             Self::BatteryCritical => Action::Land,
@@ -73,6 +82,10 @@ pub struct Health {
     pub nav_heard: TimePs,
     /// Charge left, per mille.
     pub battery_permille: u16,
+    /// Last frame from the fleet mate that has been silent the longest; none off the lanes.
+    pub mates_heard: Option<TimePs>,
+    /// When avoidance last changed the velocity.
+    pub avoided: Option<TimePs>,
     /// Whether the drone is in the air: on the ground nothing is overridden.
     pub airborne: bool,
 }
@@ -116,6 +129,10 @@ impl Supervisor {
                     Condition::NavigationLost => silent_for(health.nav_heard, config.nav_lost_ms),
                     Condition::BatteryLow => health.battery_permille < config.battery_low_permille,
                     Condition::BatteryCritical => health.battery_permille < config.battery_critical_permille,
+                    Condition::MateLost => {
+                        health.mates_heard.is_some_and(|heard| silent_for(heard, config.mate_lost_ms))
+                    }
+                    Condition::Avoiding => health.avoided.is_some_and(|at| now.since(at) < AVOIDED_LATELY),
                 };
             let was = self.conditions & condition.bit() != 0;
             if on != was {
@@ -136,7 +153,14 @@ mod tests {
     use proptest::prelude::*;
 
     fn healthy() -> Health {
-        Health { link_heard: TimePs(0), nav_heard: TimePs(0), battery_permille: 1000, airborne: true }
+        Health {
+            link_heard: TimePs(0),
+            nav_heard: TimePs(0),
+            battery_permille: 1000,
+            mates_heard: None,
+            avoided: None,
+            airborne: true,
+        }
     }
 
     #[test]
@@ -167,6 +191,32 @@ mod tests {
         );
     }
 
+    #[test]
+    fn a_silent_mate_and_a_manoeuvre_are_told_and_nothing_is_done() {
+        let (mut supervisor, config) = (Supervisor::default(), SupervisorConfig::default());
+        let mut told = Vec::new();
+        for ms in (0..5_000).step_by(100) {
+            let now = TimePs::from_ms(ms);
+            let health = Health {
+                link_heard: now,
+                nav_heard: now,
+                mates_heard: Some(TimePs::from_ms(if ms < 3_000 { 500 } else { ms })),
+                avoided: (ms >= 1_000).then(|| TimePs::from_ms(ms.min(1_500))),
+                ..healthy()
+            };
+            let action = supervisor.step(now, &health, &config, |c, on| told.push((ms, c, on)));
+            assert_eq!(action, Action::None);
+        }
+        use Condition::{Avoiding, MateLost};
+        let expected = [
+            (1_000, Avoiding, true),
+            (2_200, MateLost, true),
+            (3_000, MateLost, false),
+            (3_500, Avoiding, false),
+        ];
+        assert_eq!(told, expected);
+    }
+
     proptest! {
         /// Any combination: the strongest action wins, and nothing is overridden on the ground.
         #[test]
@@ -177,6 +227,7 @@ mod tests {
                 nav_heard: TimePs::from_ms(200_000 - nav_ms),
                 battery_permille: battery,
                 airborne,
+                ..healthy()
             };
             let action = Supervisor::default().step(now, &health, &SupervisorConfig::default(), |_, _| {});
             let expected = if !airborne { Action::None }

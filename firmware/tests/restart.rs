@@ -16,7 +16,8 @@ use skyroost_protocol::{
     Frame,
     codec::Sender,
     message::{
-        CaptureEntry, ClockState, Command, Down, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry,
+        CaptureEntry, ClockState, Command, Down, Manner, Peer, PeerState, SharedState, SrsRequest,
+        SrsRequestEntry,
     },
     units::{DroneId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps},
 };
@@ -94,6 +95,7 @@ fn live(bench: &mut Bench, mate: &mut Sender, happening: &Happening) {
                 pos: PosEnuMm(*pos),
                 vel: VelEnuMmps([1000, -2000, 0]),
                 error_radius_mm: 1500,
+                manner: Manner::ALONE,
             };
             let states = [PeerState { drone: DroneId(*drone), state }];
             bench.tell(&Down::Peers(states.into_iter().collect()));

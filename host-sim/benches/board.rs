@@ -30,8 +30,8 @@ use skyroost_protocol::{
     message::{
         AckStatus, AttachedUser, CaptureEntry, ClockState, Command, Down, Heading, LanePiece,
         MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME,
-        MAX_SRS_PER_REQUEST, MAX_WAYPOINTS, MissionHeader, Peer, PeerState, SharedState, SrsRequest,
-        SrsRequestEntry, Up, lanes_crc,
+        MAX_SRS_PER_REQUEST, MAX_WAYPOINTS, Manner, MissionHeader, Peer, PeerState, SharedState, SrsRequest,
+        SrsRequestEntry, Up, Vertical, lanes_crc,
     },
     units::{
         CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps,
@@ -548,6 +548,12 @@ impl Sky {
                 pos: PosEnuMm((from_m + Vec3::new(0.0, 0.0, ALTITUDE_M)).map(mm_from_m).into()),
                 vel: VelEnuMmps::from_mps((aside - towards * rush.closing_mps).into()),
                 error_radius_mm: 1_500,
+                // Some crowds are fleets in formation, which take looking for their mates.
+                manner: if rush.seed.is_multiple_of(3) {
+                    Manner::formation(FleetId(id as u16 / 3))
+                } else {
+                    Manner::ALONE
+                },
             };
             PeerState { drone: DroneId(10 + strangers + id as u16), state }
         });
@@ -571,6 +577,7 @@ fn header(mission: MissionId, waypoints: usize) -> MissionHeader {
         waypoints: waypoints as u16,
         d_safe_mm: 10_000,
         walls: 0,
+        vertical: Vertical::Preferred,
     }
 }
 

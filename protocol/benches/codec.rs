@@ -3,7 +3,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use heapless::Vec;
 use skyroost_protocol::codec::{Body, encode_into};
-use skyroost_protocol::message::{Down, MateTdoa, PeerState, SharedState, TdoaEntry, TdoaFlags, Up};
+use skyroost_protocol::message::{Down, Manner, MateTdoa, PeerState, SharedState, TdoaEntry, TdoaFlags, Up};
 use skyroost_protocol::units::{DroneId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId, VelEnuMmps};
 use skyroost_protocol::{MAX_FRAME, Stamp, StreamDecoder, StreamFrame, decode, encode_stream};
 use std::hint::black_box;
@@ -15,6 +15,7 @@ const STATE: SharedState = SharedState {
     pos: PosEnuMm([4_321_000, -1_234_567, 300_125]),
     vel: VelEnuMmps([9_876, -1_543, 12]),
     error_radius_mm: 2_000,
+    manner: Manner::ALONE,
 };
 
 fn peers() -> Down {

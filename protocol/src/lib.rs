@@ -28,6 +28,6 @@ pub use session::{Receiver, Verdict};
 pub use stream::{MAX_STREAM, StreamDecoder, StreamFrame, encode_stream, encode_stream_with};
 
 /// Version of the wire format. Raised whenever the bytes of a message change.
-pub const PROTOCOL_VERSION: u8 = 3;
+pub const PROTOCOL_VERSION: u8 = 4;
 /// Oldest version whose frames are still decoded.
-pub const MIN_PROTOCOL_VERSION: u8 = 3;
+pub const MIN_PROTOCOL_VERSION: u8 = 4;

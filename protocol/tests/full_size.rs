@@ -3,8 +3,8 @@
 use skyroost_protocol::codec::encode;
 use skyroost_protocol::message::{
     AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
-    Heading, LanePiece, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry,
-    TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
+    Heading, LanePiece, Manner, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest,
+    SrsRequestEntry, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up, Vertical,
 };
 use skyroost_protocol::units::{
     CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
@@ -16,8 +16,13 @@ const TIME: TimePs = TimePs(i64::MAX);
 const POS: PosEnuMm = PosEnuMm([i32::MIN; 3]);
 const SIGMA: ToaSigma = ToaSigma(u16::MAX);
 const CLOCK: ClockState = ClockState::Held { sigma_ns: u16::MAX };
-const STATE: SharedState =
-    SharedState { time: TIME, pos: POS, vel: VelEnuMmps([i16::MIN; 3]), error_radius_mm: u16::MAX };
+const STATE: SharedState = SharedState {
+    time: TIME,
+    pos: POS,
+    vel: VelEnuMmps([i16::MIN; 3]),
+    error_radius_mm: u16::MAX,
+    manner: Manner::UNABLE,
+};
 
 /// A vector with no room left.
 fn full<T: Clone, const N: usize>(element: T) -> heapless::Vec<T, N> {
@@ -83,9 +88,9 @@ fn up() {
         ),
         (Up::CommandAck { command: CommandId(u16::MAX), status }, 8),
         (Up::Heartbeat, 1),
-        (Up::SharedState(STATE), 38),
+        (Up::SharedState(STATE), 39),
         (Up::Telemetry(telemetry), 86),
-        (Up::Attached(Attached { time: TIME, users: full(user) }), MAX_BODY),
+        (Up::Attached(Attached { time: TIME, users: full(user) }), 204),
         (Up::Tdoa(full(entry)), 188),
         (Up::Event { code: EventCode::GoalReached, time: TIME, value: u32::MAX }, 17),
     ];
@@ -111,6 +116,7 @@ fn down() {
         waypoints: u16::MAX,
         d_safe_mm: u16::MAX,
         walls: u16::MAX,
+        vertical: Vertical::Preferred,
     };
     let entry = SrsRequestEntry { user: UserId(u32::MAX), serving: DroneId(u16::MAX) };
     let request =
@@ -121,7 +127,7 @@ fn down() {
     let messages = [
         (Down::Welcome { version: 255, schema_hash: u32::MAX }, 7),
         (Down::Heartbeat, 1),
-        (command(Command::UploadBegin(header)), 63),
+        (command(Command::UploadBegin(header)), 64),
         (command(Command::UploadCommit { mission: MissionId(u16::MAX), lanes_crc: u32::MAX }), 13),
         (command(Command::TakeOff), 5),
         (command(Command::StartSweep { at: TIME }), 15),
@@ -130,7 +136,7 @@ fn down() {
         (command(Command::ReturnHome), 5),
         (Down::LanePiece(piece), 168),
         (Down::SrsRequest(request), 123),
-        (Down::Peers(full(PeerState { drone: DroneId(u16::MAX), state: STATE })), 202),
+        (Down::Peers(full(PeerState { drone: DroneId(u16::MAX), state: STATE })), MAX_BODY),
     ];
     for (message, expected) in messages {
         assert_eq!(body_len(&message), expected, "{message:?}");

@@ -9,8 +9,8 @@ use skyroost_protocol::codec::{Body, encode};
 use skyroost_protocol::header::FLAG_TAG;
 use skyroost_protocol::message::{
     AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
-    Heading, LanePiece, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry,
-    TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
+    Heading, LanePiece, Manner, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest,
+    SrsRequestEntry, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up, Vertical,
 };
 use skyroost_protocol::units::{
     CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
@@ -24,8 +24,13 @@ use skyroost_protocol::{
 const STAMP: Stamp = Stamp { sender: DroneId(3), boot_epoch: 7, sequence: 123_456 };
 const TIME: TimePs = TimePs(1_234_567_890_123_456);
 const POS: PosEnuMm = PosEnuMm([4_321_000, -1_234_567, 300_125]);
-const STATE: SharedState =
-    SharedState { time: TIME, pos: POS, vel: VelEnuMmps([9_876, -1_543, 12]), error_radius_mm: 2_000 };
+const STATE: SharedState = SharedState {
+    time: TIME,
+    pos: POS,
+    vel: VelEnuMmps([9_876, -1_543, 12]),
+    error_radius_mm: 2_000,
+    manner: Manner::UNABLE,
+};
 
 fn bytes_of(hex: &str) -> std::vec::Vec<u8> {
     let digits: std::vec::Vec<char> = hex.chars().filter(|c| !c.is_whitespace()).collect();
@@ -61,18 +66,18 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (3, 0xc01f_1459));
-    assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 204, 16, 235, 242));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (4, 0x417b_71b9));
+    assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 207, 16, 238, 245));
 }
 
 #[test]
 fn whole_frame() {
     let frame = encode(&STAMP, &Up::Heartbeat).expect("a frame holds every message");
     //                    magic version kind flags sender epoch sequence length body
-    let expected = bytes_of("5352   03    01   00   0300  0700  40e20100  0100   02");
+    let expected = bytes_of("5352   04    01   00   0300  0700  40e20100  0100   02");
     assert_eq!(&frame[..], expected);
     let header = Header {
-        version: 3,
+        version: 4,
         kind: Kind::Up,
         flags: 0,
         sender: DroneId(3),
@@ -85,7 +90,7 @@ fn whole_frame() {
 
 #[test]
 fn a_tagged_frame_is_understood_and_refused() {
-    let mut frame = bytes_of("5352 03 01 01 0300 0700 40e20100 0100 02");
+    let mut frame = bytes_of("5352 04 01 01 0300 0700 40e20100 0100 02");
     assert_eq!(frame[4], FLAG_TAG);
     assert_eq!(decode(&frame), Err(DecodeError::Truncated));
     frame.extend([0xaa; TAG_LEN]);
@@ -96,11 +101,11 @@ fn a_tagged_frame_is_understood_and_refused() {
 
 #[test]
 fn whole_stream_frame() {
-    // CRC-32 by Python's zlib.crc32: 0xba6a78ad; each COBS code counts to the next zero.
-    let frame = bytes_of("5352 03 01 00 0300 0700 40e20100 0100 02");
+    // CRC-32 by Python's zlib.crc32: 0xdfa7d26d; each COBS code counts to the next zero.
+    let frame = bytes_of("5352 04 01 00 0300 0700 40e20100 0100 02");
     let mut out = StreamFrame::new();
     encode_stream(&frame, &mut out).expect("a frame fits the link");
-    assert_eq!(&out[..], bytes_of("00 0553520301 0203 0207 0440e201 0201 0602ad786aba 00"));
+    assert_eq!(&out[..], bytes_of("00 0553520401 0203 0207 0440e201 0201 06026dd2a7df 00"));
 }
 
 /// Postcard's specification worked by hand, bit by bit.
@@ -112,19 +117,20 @@ fn truth_of_the_specification() {
             pos: PosEnuMm(pos),
             vel: VelEnuMmps(vel),
             error_radius_mm,
+            manner: Manner::ALONE,
         })
     };
     // Zigzag: 0, -1, 1, -2, 2 are 0, 1, 2, 3, 4.
-    up(state(0, [-1, 1, -2], [2, 0, 0], 0), "03 00 01 02 03 04 00 00 00");
+    up(state(0, [-1, 1, -2], [2, 0, 0], 0), "03 00 01 02 03 04 00 00 00 00");
     // Seven bits a byte: zigzag 63 = 126 and -64 = 127 take one, 64 = 128 = 0b1_0000000 and
     // -65 = 129 = 0b1_0000001 two; 300 = 0b10_0101100, and 16,384 = 2^14 takes three.
-    up(state(63, [-64, 64, -65], [0, 0, 0], 300), "03 7e 7f 8001 8101 00 00 00 ac02");
-    up(state(64, [0, 0, 0], [0, 0, 0], 16_384), "03 8001 00 00 00 00 00 00 808001");
+    up(state(63, [-64, 64, -65], [0, 0, 0], 300), "03 7e 7f 8001 8101 00 00 00 ac02 00");
+    up(state(64, [0, 0, 0], [0, 0, 0], 16_384), "03 8001 00 00 00 00 00 00 808001 00");
     // The extremes: 64 bits are 9 * 7 + 1, 32 bits 4 * 7 + 4, 16 bits 2 * 7 + 2; the zigzag of a minimum
     // is all ones, of a maximum all ones but the lowest.
     up(
         state(i64::MIN, [i32::MIN, i32::MAX, 0], [0, 0, 0], u16::MAX),
-        "03 ffffffffffffffffff01 ffffffff0f feffffff0f 00 00 00 00 ffff03",
+        "03 ffffffffffffffffff01 ffffffff0f feffffff0f 00 00 00 00 ffff03 00",
     );
     // A byte is a byte, never a varint.
     up(
@@ -144,7 +150,7 @@ fn truth_of_the_specification() {
 fn refuses_padded_varints() {
     let body_of = |body_hex: &str| {
         let body = bytes_of(body_hex);
-        let mut frame = bytes_of("5352 03 01 00 0300 0700 40e20100");
+        let mut frame = bytes_of("5352 04 01 00 0300 0700 40e20100");
         frame.extend((body.len() as u16).to_le_bytes());
         frame.extend(body);
         decode(&frame).map(|(_, message)| message)
@@ -186,7 +192,7 @@ fn command_ack() {
 
 #[test]
 fn shared_states() {
-    let state = "80ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124 a89a01 8d18 18 d00f";
+    let state = "80ebd5c8a7b5b104 d0bb8f04 8dda9601 bad124 a89a01 8d18 18 d00f ff";
     up(Up::SharedState(STATE), &format!("03 {state}"));
     let peers = [PeerState { drone: DroneId(5), state: STATE }];
     down(Down::Peers(peers.into_iter().collect()), &format!("05 01 05 {state}"));
@@ -314,10 +320,11 @@ fn commands() {
         waypoints: 512,
         d_safe_mm: 10_000,
         walls: 7,
+        vertical: Vertical::Preferred,
     };
     let reserve =
         MissionHeader { fleet: None, mates: [DroneId(0); 3], slot: 0, heading: Heading::Fixed, ..header };
-    let tail = "c518 904e e0a712 02 03 06 8004 904e 07";
+    let tail = "c518 904e e0a712 02 03 06 8004 904e 07 02";
     down(command(Command::UploadBegin(header)), &format!("02 2a 00 4d 01 01 04 05 06 02 d08603 01 {tail}"));
     down(command(Command::UploadBegin(reserve)), &format!("02 2a 00 4d 00 00 00 00 00 d08603 00 {tail}"));
     let commit = Command::UploadCommit { mission: MissionId(77), lanes_crc: 0x1234_5678 };

@@ -11,8 +11,8 @@ use skyroost_firmware::{
 use skyroost_protocol::{
     codec::Sender,
     message::{
-        AttachedUser, Command, Down, FlightPhase, Heading, LanePiece, MissionHeader, PeerState, SharedState,
-        SrsRequest, SrsRequestEntry, lanes_crc,
+        AttachedUser, Command, Down, FlightPhase, Heading, LanePiece, Manner, MissionHeader, PeerState,
+        SharedState, SrsRequest, SrsRequestEntry, Vertical, lanes_crc,
     },
     units::{
         CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps,
@@ -67,6 +67,7 @@ fn said(step: i64) -> Option<Down> {
         waypoints: LANES_MM.len() as u16,
         d_safe_mm: 10_000,
         walls: 0,
+        vertical: Vertical::Preferred,
     };
     match step {
         10 => command(1, Command::UploadBegin(header)),
@@ -90,6 +91,7 @@ fn said(step: i64) -> Option<Down> {
                 pos: PosEnuMm([28_868 + step as i32 * 100, 40_000, 30_000]),
                 vel: VelEnuMmps([-5_000, 0, 0]),
                 error_radius_mm: 2_000,
+                manner: Manner::ALONE,
             };
             let states = (2..6).map(|drone| PeerState { drone: DroneId(drone), state });
             Some(Down::Peers(states.collect()))

@@ -3,8 +3,9 @@
 use crate::{
     Vec3, ZERO,
     config::FlightLimits,
-    guidance::{Reference, formation::Slot, goto, lanes::Lanes, limited, track, zigzag::Zigzag},
+    guidance::{Reference, formation::Slot, goto, lanes::Lanes, limited, steadying, track, zigzag::Zigzag},
     io::NavFix,
+    scalar::greater,
     supervisor::Action,
 };
 use heapless::Vec;
@@ -86,6 +87,12 @@ pub(super) struct Flight {
     pub(super) zigzag: Zigzag,
     /// Distance from the slot or goal, metres.
     pub(super) track_error_m: f32,
+    /// How far off its slot the drone is, as far as the fleet should wait for it, metres.
+    pub(super) lag_m: f32,
+    /// From the formation's centre to the own slot, metres.
+    arm_m: Vec3,
+    /// Whether avoidance has its say, so that the drone cannot be quite where it should.
+    pub(super) avoiding: bool,
     /// Where the supervisor made the drone hold.
     held_at_m: Option<Vec3>,
     /// Velocity wanted in the last step, from which flights to a goal speed up gently.
@@ -100,6 +107,9 @@ impl Flight {
             mode: Mode::Grounded,
             zigzag: Zigzag::new(),
             track_error_m: 0.0,
+            lag_m: 0.0,
+            arm_m: ZERO,
+            avoiding: false,
             held_at_m: None,
             last_wanted: ZERO,
             events: Vec::new(),
@@ -117,6 +127,21 @@ impl Flight {
             Mode::ReturnHome => FlightPhase::ReturnHome,
             Mode::Landing { .. } => FlightPhase::Landing,
         }
+    }
+
+    /// When the lanes begin or began, as long as the drone flies them.
+    pub(super) fn sweeping_since(&self) -> Option<TimePs> {
+        if let Mode::Sweep { start } = self.mode { Some(start) } else { None }
+    }
+
+    /// Whether the drone keeps its slot.
+    pub(super) fn in_formation(&self) -> bool {
+        self.sweeping_since().is_some() && self.held_at_m.is_none()
+    }
+
+    /// From the formation's centre to the own slot, metres; zero out of formation.
+    pub(super) fn arm_m(&self) -> Vec3 {
+        if self.in_formation() { self.arm_m } else { ZERO }
     }
 
     pub(super) fn airborne(&self) -> bool {
@@ -272,7 +297,7 @@ impl Flight {
         let point = if now < start {
             self.zigzag.look_up(lanes)
         } else {
-            self.zigzag.advance(now, lanes, self.track_error_m)
+            self.zigzag.advance(now, lanes, self.lag_m)
         };
         let Some(point) = point else { return (Vec3::zeros(), Vec3::zeros()) };
         let reference: Reference = mission.slot.reference(
@@ -281,11 +306,16 @@ impl Flight {
             self.zigzag.accel_mps2(),
             mission.altitude_m,
         );
-        self.track_error_m = (reference.pos_enu_m - nav.pos_enu_m).norm();
+        let error = reference.pos_enu_m - nav.pos_enu_m;
+        self.track_error_m = error.norm();
+        // What avoidance shifts aside comes back by itself, and waiting would keep the fleet in front of what it avoids.
+        let ahead = point.along.push(0.0);
+        self.lag_m = if self.avoiding { greater(ahead.dot(&error), 0.0) } else { self.track_error_m };
+        self.arm_m = (reference.pos_enu_m.xy() - point.pos_m).push(0.0);
         if self.zigzag.done(lanes) {
             self.enter(Mode::Hold { at_m: reference.pos_enu_m });
             self.report(EventCode::SweepDone, now.since(start).as_secs_f32() as u32);
         }
-        (track(nav, &reference), reference.accel_enu_mps2)
+        (track(nav, &reference), reference.accel_enu_mps2 + steadying(nav, &reference))
     }
 }

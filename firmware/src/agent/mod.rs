@@ -8,7 +8,7 @@ mod upload;
 
 use crate::{
     Vec3,
-    avoid::{self, Rule, Separation, Vertical, pca::Mover},
+    avoid::{self, Rule, Separation, pca::Mover},
     config::AgentConfig,
     counters::Counters,
     guidance::{lanes::Lanes, limited},
@@ -16,17 +16,21 @@ use crate::{
     peers::PeerTable,
     scalar::within,
     srs::Srs,
-    supervisor::{Action, Health, Supervisor},
+    supervisor::{Action, Condition, Health, Supervisor},
 };
 use flight::{Flight, Mission};
 use receive::Links;
-use skyroost_protocol::{message::FlightPhase, units::TimePs};
+use skyroost_protocol::{
+    message::{FlightPhase, Manner},
+    units::TimePs,
+};
 use transmit::Transmitter;
 use upload::Upload;
 
 // A board holds one of each in static memory, of 48 KiB that the whole image may take.
 #[cfg(target_pointer_width = "32")]
-const _: () = assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024);
+const _: () =
+    assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024 + 256);
 
 /// The charge that is assumed until the first step says otherwise, per mille.
 const FULL_PERMILLE: u16 = 1000;
@@ -60,6 +64,8 @@ pub struct FlightAgent {
     /// Last navigation solution and when it came.
     nav: Option<(TimePs, NavFix)>,
     battery_permille: u16,
+    /// When avoidance last changed the velocity.
+    avoided: Option<TimePs>,
 }
 
 impl FlightAgent {
@@ -71,15 +77,16 @@ impl FlightAgent {
             links: Links::new(),
             upload: Upload::new(),
             mission: None,
-            lanes: Lanes::empty(),
+            lanes: const { Lanes::empty() },
             flight: Flight::new(),
-            peers: PeerTable::new(),
+            peers: const { PeerTable::new() },
             srs: Srs::new(&config),
             supervisor: Supervisor::new(),
             transmitter: Transmitter::new(config.id, config.boot_epoch),
             counters: Counters::new(),
             nav: None,
             battery_permille: FULL_PERMILLE,
+            avoided: None,
         }
     }
 
@@ -101,6 +108,7 @@ impl FlightAgent {
             counters,
             nav,
             battery_permille,
+            avoided,
         } = self;
         *own = config;
         *links = Links::new();
@@ -115,6 +123,7 @@ impl FlightAgent {
         *counters = Counters::new();
         *nav = None;
         *battery_permille = FULL_PERMILLE;
+        *avoided = None;
     }
 
     /// One step, [`STEP_HZ`](crate::STEP_HZ) times a second: takes `inputs`, fills `outputs` (which the
@@ -141,6 +150,15 @@ impl FlightAgent {
     #[must_use]
     pub fn sweep_phase_um(&self) -> i64 {
         self.flight.zigzag.phase_um()
+    }
+
+    /// How others have to take this drone: one that lands where it is, on its last charge, gives no way.
+    fn manner(&self) -> Manner {
+        if self.supervisor.conditions() & Condition::BatteryCritical.bit() != 0 {
+            return Manner::UNABLE;
+        }
+        let formation = self.mission.as_ref().filter(|_| self.flight.in_formation());
+        formation.and_then(|mission| mission.header.fleet).map_or(Manner::ALONE, Manner::formation)
     }
 
     /// Counts of everything dropped, refused or clamped since boot.
@@ -170,6 +188,7 @@ impl FlightAgent {
     /// Supervisor, guidance and avoidance, in the air and with a sound fix.
     fn command(&mut self, now: TimePs, nav: &NavFix, outputs: &mut Outputs) -> Setpoint {
         let action = self.supervise(now, outputs);
+        self.flight.avoiding = self.supervisor.conditions() & Condition::Avoiding.bit() != 0;
         let limits = &self.config.limits;
         let mission = self.mission.as_ref();
         let (wanted, accel) = self.flight.wanted(now, nav, mission, &self.lanes, limits, action);
@@ -177,7 +196,9 @@ impl FlightAgent {
             d_safe_m: self.mission.as_ref().map_or(0.0, |m| m.d_safe_m),
             own_error_m: nav.error_radius_m,
             max_speed_mps: limits.max_speed_mps,
-            vertical: Vertical::default(),
+            vertical: self.mission.as_ref().map_or_else(Default::default, |m| m.header.vertical),
+            manner: self.manner(),
+            arm_m: self.flight.arm_m(),
         };
         let own = Mover { pos_enu_m: nav.pos_enu_m, vel_enu_mps: nav.vel_enu_mps };
         let avoided =
@@ -185,6 +206,9 @@ impl FlightAgent {
         let mut vel = limited(avoided.vel_enu_mps, limits.max_speed_mps);
         vel.z = within(vel.z, -limits.max_vertical_mps, limits.max_vertical_mps);
         let accel_enu_mps2 = if avoided.active { Vec3::zeros() } else { accel };
+        if avoided.active {
+            self.avoided = Some(now);
+        }
         let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
         self.flight.drain_events(|code, value| transmitter.event(now, code, value, outputs, counters));
         Setpoint { motors: self.flight.airborne(), vel_enu_mps: vel, accel_enu_mps2 }
@@ -195,6 +219,8 @@ impl FlightAgent {
             link_heard: self.links.control_heard,
             nav_heard: self.nav.map_or(TimePs(0), |(at, _)| at),
             battery_permille: self.battery_permille,
+            mates_heard: self.flight.sweeping_since().and_then(|start| self.mates_heard(start)),
+            avoided: self.avoided,
             airborne: self.flight.airborne(),
         };
         let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);

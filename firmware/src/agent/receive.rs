@@ -21,6 +21,8 @@ pub(super) struct Links {
     control: Receiver,
     /// One for each fleet mate, by position in the mission's list of mates.
     mates: [Receiver; 3],
+    /// Last word of each.
+    mates_heard: [TimePs; 3],
     /// Last word of the control center.
     pub(super) control_heard: TimePs,
     /// Whether the control center answered the hello.
@@ -35,6 +37,7 @@ impl Links {
         Self {
             control: Receiver::new(),
             mates: [const { Receiver::new() }; 3],
+            mates_heard: [TimePs(0); 3],
             control_heard: TimePs(0),
             welcomed: false,
             last_command: None,
@@ -93,10 +96,11 @@ impl FlightAgent {
             }
             Kind::Peer => {
                 let message = decode_body(body)?;
-                let receiver = self.mate(header.sender).ok_or(Fault::Unexpected)?;
+                let (receiver, heard) = self.mate(header.sender).ok_or(Fault::Unexpected)?;
                 if !receiver.accept(&header).is_accepted() {
                     return Err(Fault::Repeated);
                 }
+                *heard = now;
                 self.on_peer(now, header.sender, &message);
             }
             // What drones tell the control center is not even decoded: boards carry no code for it.
@@ -105,11 +109,18 @@ impl FlightAgent {
         Ok(())
     }
 
-    /// The sequence window of a fleet mate; none for anybody else.
-    fn mate(&mut self, sender: DroneId) -> Option<&mut Receiver> {
+    /// The sequence window of a fleet mate and when it was last heard; none for anybody else.
+    fn mate(&mut self, sender: DroneId) -> Option<(&mut Receiver, &mut TimePs)> {
         let mates = self.mission.as_ref()?.mates?;
-        let known = mates.iter().zip(&mut self.links.mates);
-        known.filter(|(mate, _)| **mate == sender && sender != self.config.id).map(|(_, r)| r).next()
+        let place = mates.iter().position(|mate| *mate == sender && sender != self.config.id)?;
+        Some((self.links.mates.get_mut(place)?, self.links.mates_heard.get_mut(place)?))
+    }
+
+    /// The last word of the mate that has been silent the longest, `since` at the earliest; none outside of a fleet.
+    pub(super) fn mates_heard(&self, since: TimePs) -> Option<TimePs> {
+        let mates = self.mission.as_ref()?.mates?;
+        let others = mates.iter().zip(self.links.mates_heard).filter(|(mate, _)| **mate != self.config.id);
+        others.map(|(_, heard)| heard.max(since)).min()
     }
 
     fn on_down(&mut self, now: TimePs, message: &Down, outputs: &mut Outputs) {

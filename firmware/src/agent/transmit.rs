@@ -13,8 +13,9 @@ use skyroost_protocol::{
     units::{DroneId, PosEnuMm, TimePs, VelEnuMmps, mm_from_m},
 };
 
-/// Every so often fleet mates hear the sweep phase: it only mends differences, which grow slowly.
-const PHASE_EVERY: TimePs = TimePs::from_ms(500);
+/// Every so often fleet mates hear the sweep phase: it mends differences, which grow slowly, and tells that the drone is
+/// there, so that silence means something even where frames are lost.
+const PHASE_EVERY: TimePs = TimePs::from_ms(250);
 /// Every so often telemetry goes out, and a hello until it is answered.
 const TELEMETRY_EVERY: TimePs = TimePs::from_ms(1_000);
 
@@ -107,6 +108,7 @@ impl FlightAgent {
     /// Sends everything that is due.
     pub(super) fn transmit(&mut self, now: TimePs, outputs: &mut Outputs) {
         self.send_measurements(now, outputs);
+        let manner = self.manner();
         let (links, counters) = (&mut self.transmitter, &mut self.counters);
         if now >= links.share_due && self.flight.airborne() {
             if let Some((time, nav)) = self.nav {
@@ -115,6 +117,7 @@ impl FlightAgent {
                     pos: PosEnuMm(nav.pos_enu_m.map(mm_from_m).into()),
                     vel: VelEnuMmps::from_mps(nav.vel_enu_mps.into()),
                     error_radius_mm: mm_from_m(nav.error_radius_m).clamp(0, i32::from(u16::MAX)) as u16,
+                    manner,
                 };
                 links.up(&Up::SharedState(state), outputs, counters);
             }
@@ -125,7 +128,7 @@ impl FlightAgent {
                 time: now,
                 phase_um: self.flight.zigzag.phase_um(),
                 rate_mmps: mm_from_m(self.flight.zigzag.speed_mps()).clamp(0, i32::from(u16::MAX)) as u16,
-                track_error_mm: mm_from_m(self.flight.track_error_m).max(0) as u32,
+                track_error_mm: mm_from_m(self.flight.lag_m).max(0) as u32,
             };
             links.tell_mates(&message, outputs, counters);
             links.phase_due = now.after(PHASE_EVERY);

@@ -2,19 +2,25 @@
 
 use super::{Avoided, Rule, Separation, Vertical, avoid, pca::Mover};
 use crate::{
-    Vec3,
+    Vec3, ZERO,
     counters::Counters,
     peers::{MAX_PEERS, PeerTable},
 };
 use proptest::prelude::*;
 use skyroost_protocol::{
-    message::{PeerState, SharedState},
+    message::{Manner, PeerState, SharedState},
     units::{DroneId, PosEnuMm, TimePs, VelEnuMmps},
 };
 
 const MAX_SPEED_MPS: f32 = 10.0;
-const USUAL: Separation =
-    Separation { d_safe_m: 10.0, own_error_m: 2.0, max_speed_mps: MAX_SPEED_MPS, vertical: Vertical::Free };
+const USUAL: Separation = Separation {
+    d_safe_m: 10.0,
+    own_error_m: 2.0,
+    max_speed_mps: MAX_SPEED_MPS,
+    vertical: Vertical::Free,
+    manner: Manner::ALONE,
+    arm_m: ZERO,
+};
 
 /// A neighbour's state, rounded as on the wire.
 fn told(drone: usize, mover: &Mover) -> PeerState {
@@ -23,6 +29,7 @@ fn told(drone: usize, mover: &Mover) -> PeerState {
         pos: PosEnuMm(mover.pos_enu_m.map(|m| libm::roundf(m * 1e3) as i32).into()),
         vel: VelEnuMmps(mover.vel_enu_mps.map(|mps| libm::roundf(mps * 1e3) as i16).into()),
         error_radius_mm: 2_000,
+        manner: Manner::ALONE,
     };
     PeerState { drone: DroneId(drone as u16 + 1), state }
 }

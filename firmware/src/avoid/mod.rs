@@ -19,12 +19,17 @@ pub mod walls;
 use crate::{
     Vec3,
     guidance::limited,
-    peers::{MAX_PEERS, PeerTable},
+    peers::{MAX_PEERS, Peer, PeerTable},
+    scalar::greater,
 };
 use halfplanes::{HalfPlane, MAX_ROWS};
 use heapless::Vec;
 use pca::Mover;
-use skyroost_protocol::units::TimePs;
+pub use skyroost_protocol::message::Vertical;
+use skyroost_protocol::{
+    message::Manner,
+    units::{DroneId, TimePs},
+};
 use walls::Wall;
 
 /// How conflicts are solved.
@@ -37,26 +42,12 @@ pub enum Rule {
     LiteralPca,
 }
 
-/// How gladly drones give way up and down, rather than to the side.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Vertical {
-    /// Never: the altitude is left to guidance.
-    Level,
-    /// As gladly as to the side.
-    Free,
-    /// More gladly: a metre to the side counts for one and a half up or down.
-    #[default]
-    Preferred,
-}
-
-impl Vertical {
-    /// Metres up that count as one to the side.
-    const fn stretch(self) -> f32 {
-        match self {
-            Self::Level => 0.0,
-            Self::Free => 1.0,
-            Self::Preferred => 1.5,
-        }
+/// Metres up that count as one to the side.
+const fn stretch(vertical: Vertical) -> f32 {
+    match vertical {
+        Vertical::Level => 0.0,
+        Vertical::Free => 1.0,
+        Vertical::Preferred => 1.5,
     }
 }
 
@@ -71,11 +62,17 @@ pub struct Separation {
     pub max_speed_mps: f32,
     /// Whether to give way up and down.
     pub vertical: Vertical,
+    /// What the others are told of how this drone flies.
+    pub manner: Manner,
+    /// From the centre of the formation that this drone flies in to the drone itself, metres; zero for one that flies alone.
+    pub arm_m: Vec3,
 }
 
 /// Beyond this distance two drones at full speed do not meet within the horizon of [`pca`], the age of a
 /// shared state and their braking ways, metres.
 const REACH_M: f32 = 320.0;
+/// Drones of a fleet.
+const FLEET_DRONES: f32 = 3.0;
 /// Planned beyond `d_safe` and both error radii, metres: tracking error of the velocity loop, and what several
 /// neighbours at once make of it.
 const PLAN_SLACK_M: f32 = 3.0;
@@ -96,6 +93,20 @@ pub struct Neighbour {
     pub plan_m: f32,
     /// Distance to be kept when both have braked, metres.
     pub keep_m: f32,
+    /// Which part of the displacement is this drone's.
+    pub part: Part,
+}
+
+/// A drone's part of the displacement that a pair needs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Part {
+    /// Its share, as the other takes its own.
+    #[default]
+    Share,
+    /// All: the other cannot manoeuvre.
+    All,
+    /// Nothing as long as both can still brake: the other gives way, or both keep their slots.
+    Nothing,
 }
 
 impl Separation {
@@ -109,6 +120,16 @@ impl Separation {
     #[must_use]
     pub fn keep_m(&self, other_error_m: f32) -> f32 {
         self.d_safe_m + (self.own_error_m + other_error_m) * KEEP_ERRORS + KEEP_SLACK_M
+    }
+
+    /// The part of the displacement that is this drone's.
+    fn part(&self, others: Manner) -> Part {
+        match (self.manner == Manner::UNABLE, others == Manner::UNABLE) {
+            (false, true) => Part::All,
+            (true, false) => Part::Nothing,
+            // Two that both cannot do what they would have to do what they can.
+            _ => Part::Share,
+        }
     }
 }
 
@@ -154,7 +175,8 @@ fn by_halfplanes(
     let near = Near::new(now, own, peers, separation);
     let walls = walls::rows(own, walls, separation.own_error_m + TRACKING_M);
     let planned = planned(own, wanted, &near, &walls);
-    let passing = gate::passing(own, planned, || near.iter(), &walls);
+    // Fleets plan as bodies; what may be flown is decided for every drone by itself.
+    let passing = gate::passing(own, planned, || near.each(), &walls);
     // Beyond all bounds (a velocity of 1e20 m/s) numbers overflow: to stop is the answer then.
     let vel_enu_mps = if passing.iter().all(|x| x.is_finite()) { passing } else { Vec3::zeros() };
     Avoided { vel_enu_mps, active: vel_enu_mps != wanted }
@@ -162,9 +184,10 @@ fn by_halfplanes(
 
 /// The peers that may matter, the nearest first: so the answer does not depend on whom the drone heard first.
 ///
-/// They are worked out anew wherever they are needed: a board has the time for that, and not the memory to keep them.
+/// Distances are those to this drone or, for a fleet in formation, to its circle. They are worked out anew wherever they are needed: a board has the time for that, and not the memory to keep them.
 struct Near<'a> {
     now: TimePs,
+    own_m: Vec3,
     peers: &'a PeerTable,
     separation: &'a Separation,
     /// Square of the distance, and place in the table.
@@ -174,9 +197,11 @@ struct Near<'a> {
 impl<'a> Near<'a> {
     fn new(now: TimePs, own: &Mover, peers: &'a PeerTable, separation: &'a Separation) -> Self {
         let mut order: Vec<(f32, u8), MAX_PEERS> = Vec::new();
+        let centre_m = own.pos_enu_m - separation.arm_m;
         for (index, peer) in peers.iter().enumerate() {
-            // Whatever either does within the horizon, they cannot come near: most peers end here.
-            if (peer.heard_at_m() - own.pos_enu_m).norm_squared() > REACH_M * REACH_M {
+            // Whatever either does within the horizon, they cannot come near: most peers end here. Fleets are looked for
+            // from centre to centre, so that all of a fleet see another one at once.
+            if (heard_at_m(peer, peers) - centre_m).norm_squared() > REACH_M * REACH_M {
                 continue;
             }
             let away_m2 = (peer.predicted(now).pos_enu_m - own.pos_enu_m).norm_squared();
@@ -189,29 +214,121 @@ impl<'a> Near<'a> {
                 sorted = before;
             }
         }
-        Self { now, peers, separation, order }
+        Self { now, own_m: own.pos_enu_m, peers, separation, order }
     }
 
-    fn iter(&self) -> impl Iterator<Item = Neighbour> {
-        self.order.iter().filter_map(|&(_, index)| self.peers.get(usize::from(index))).map(|peer| {
-            let (error_m, keep_out_m) = (peer.error_radius_m(), peer.keep_out_m(self.now));
-            Neighbour {
-                mover: peer.predicted(self.now),
-                plan_m: self.separation.plan_m(error_m) + keep_out_m,
-                keep_m: self.separation.keep_m(error_m) + keep_out_m,
+    /// Every neighbour for itself.
+    fn each(&self) -> impl Iterator<Item = Neighbour> {
+        self.near().map(|peer| self.alone(peer))
+    }
+
+    /// Neighbours, with a fleet in formation as one body: its circle keeps clear of others, so that its drones shift alike and
+    /// keep their triangle, and others keep clear of it. Whoever is within a circle already is avoided by each for itself.
+    fn bodies(&self) -> impl Iterator<Item = Neighbour> {
+        self.near().filter_map(|peer| match self.formation(peer) {
+            Some((formation, nearest)) => (nearest == peer.drone()).then_some(formation),
+            None => {
+                let mut neighbour = self.alone(peer);
+                if self.is_mate(peer) {
+                    // Its slot keeps it where it is: gusts that push two mates towards each other are no course to pass on.
+                    neighbour.part = Part::Nothing;
+                } else {
+                    self.keep_clear(&mut neighbour);
+                }
+                Some(neighbour)
             }
         })
     }
+
+    /// Whether a peer flies in the same formation.
+    fn is_mate(&self, peer: &Peer) -> bool {
+        peer.manner().fleet().is_some_and(|fleet| self.separation.manner.fleet() == Some(fleet))
+    }
+
+    fn near(&self) -> impl Iterator<Item = &'a Peer> {
+        self.order.iter().filter_map(|&(_, index)| self.peers.get(usize::from(index)))
+    }
+
+    fn alone(&self, peer: &Peer) -> Neighbour {
+        let (error_m, keep_out_m) = (peer.error_radius_m(), peer.keep_out_m(self.now));
+        Neighbour {
+            mover: peer.predicted(self.now),
+            plan_m: self.separation.plan_m(error_m) + keep_out_m,
+            keep_m: self.separation.keep_m(error_m) + keep_out_m,
+            part: self.separation.part(peer.manner()),
+        }
+    }
+
+    /// Another fleet in formation as one neighbour, and the nearest of its drones: their mean, with a circle around all
+    /// three. None unless all are heard of lately, and the circle is still clear of this drone or of its own circle.
+    fn formation(&self, of: &Peer) -> Option<(Neighbour, DroneId)> {
+        let fleet = of.manner().fleet()?;
+        if self.is_mate(of) {
+            return None;
+        }
+        let members = || self.peers.iter().filter(move |peer| peer.manner().fleet() == Some(fleet));
+        let nearest = self.near().find(|peer| peer.manner().fleet() == Some(fleet))?.drone();
+        let (mut count, mut error_m) = (0_u8, 0.0);
+        let mut mean = Mover::default();
+        for peer in members() {
+            if peer.keep_out_m(self.now) > 0.0 {
+                return None;
+            }
+            let mover = peer.predicted(self.now);
+            mean.pos_enu_m += mover.pos_enu_m / FLEET_DRONES;
+            mean.vel_enu_mps += mover.vel_enu_mps / FLEET_DRONES;
+            error_m = greater(error_m, peer.error_radius_m());
+            count += 1;
+        }
+        if f32::from(count) != FLEET_DRONES {
+            return None;
+        }
+        let mut radius_m = 0.0;
+        for peer in members() {
+            radius_m = greater(radius_m, (peer.predicted(self.now).pos_enu_m - mean.pos_enu_m).norm());
+        }
+        let mut neighbour = Neighbour {
+            mover: mean,
+            plan_m: self.separation.plan_m(error_m) + radius_m,
+            keep_m: self.separation.keep_m(error_m) + radius_m,
+            part: self.separation.part(of.manner()),
+        };
+        self.keep_clear(&mut neighbour).then_some((neighbour, nearest))
+    }
+
+    /// Keeps the circle of the own formation away from a neighbour, as seen from this drone: as seen from the circle's
+    /// centre, the circle's radius farther away. False, and nothing done, where the neighbour is within already.
+    fn keep_clear(&self, neighbour: &mut Neighbour) -> bool {
+        let arm_m = self.separation.arm_m;
+        let radius_m = arm_m.norm();
+        let away_m = neighbour.mover.pos_enu_m - (self.own_m - arm_m);
+        let least_m = radius_m + neighbour.keep_m;
+        let is_clear = away_m.norm_squared() > least_m * least_m;
+        if is_clear {
+            neighbour.mover.pos_enu_m += arm_m;
+            neighbour.plan_m += radius_m;
+            neighbour.keep_m += radius_m;
+        }
+        is_clear
+    }
+}
+
+/// Where a peer was last heard, metres; of a whole fleet in formation its centre.
+fn heard_at_m(peer: &Peer, peers: &PeerTable) -> Vec3 {
+    let Some(fleet) = peer.manner().fleet() else { return peer.heard_at_m() };
+    let members = || peers.iter().filter(|other| other.manner().fleet() == Some(fleet));
+    let sum_m = members().fold(Vec3::zeros(), |sum_m, other| sum_m + other.heard_at_m());
+    sum_m / members().count() as f32
 }
 
 /// The velocity nearest to `wanted` that the half-planes of all neighbours and walls allow.
 #[inline(never)] // a board has no room for the rows beside what the gate needs
 fn planned(own: &Mover, wanted: Vec3, near: &Near<'_>, walls: &[HalfPlane]) -> Vec3 {
     let separation = near.separation;
-    let stretch = separation.vertical.stretch();
+    let stretch = stretch(separation.vertical);
     let mut rows: Vec<HalfPlane, MAX_ROWS> = Vec::new();
     let mut clear = true;
-    for neighbour in near.iter() {
+    for neighbour in near.bodies() {
         pca::rows(own, &neighbour, |row| {
             clear &= row.allows(&wanted);
             // Two rows a neighbour, 32 neighbours and the walls fit MAX_ROWS. What no level flight can keep is left to the gate.

@@ -8,7 +8,7 @@
 //! same sign, which would change nothing), and their displacements add up to `d - |l_p|`.
 
 use super::halfplanes::HalfPlane;
-use super::{Neighbour, braking};
+use super::{Neighbour, Part, braking};
 use crate::{Vec3, scalar::within};
 
 /// Longest time ahead that a closest approach is planned for, seconds.
@@ -68,7 +68,7 @@ pub fn rows(a: &Mover, neighbour: &Neighbour, mut emit: impl FnMut(HalfPlane)) {
         emit(row);
     }
     let Some(Approach { tau_s, pass_m }) = approach(a, b) else { return };
-    if tau_s <= 0.0 {
+    if tau_s <= 0.0 || neighbour.part == Part::Nothing {
         return;
     }
     let tau = within(tau_s, SOONEST_S, HORIZON_S);
@@ -80,7 +80,7 @@ pub fn rows(a: &Mover, neighbour: &Neighbour, mut emit: impl FnMut(HalfPlane)) {
     } else {
         passing_side(&pass_m, &c)
     };
-    let share = share_of_a(a, b, tau_s);
+    let share = if neighbour.part == Part::All { 1.0 } else { share_of_a(a, b, tau_s) };
     let needed_mps = share * (d_plan_m - miss_m) / tau;
     emit(HalfPlane { normal, at_least: normal.dot(&a.vel_enu_mps) + needed_mps });
 }
@@ -170,7 +170,7 @@ mod tests {
         fn the_pair_agrees(a in arbitrary(), b in arbitrary()) {
             let collect = |x: &Mover, y: &Mover| {
                 let mut found = Vec::new();
-                rows(x, &Neighbour { mover: *y, plan_m: 15.0, keep_m: 12.0 }, |row| found.push(row));
+                rows(x, &Neighbour { mover: *y, plan_m: 15.0, keep_m: 12.0, part: Part::Share }, |row| found.push(row));
                 found
             };
             let (from_a, from_b) = (collect(&a, &b), collect(&b, &a));

@@ -32,7 +32,7 @@ use skyroost_protocol::{
 };
 
 /// Version of the bus; with the radio's schema hash it says whether host and image understand each other.
-pub const BUS_VERSION: u16 = 2;
+pub const BUS_VERSION: u16 = 3;
 
 /// Most bytes of the radio in one message.
 pub const MAX_RADIO_PART: usize = 200;
@@ -112,6 +112,7 @@ pub struct WireConfig {
     nav_lost_ms: u32,
     battery_low_permille: u16,
     battery_critical_permille: u16,
+    mate_lost_ms: u32,
 }
 
 impl From<&AgentConfig> for WireConfig {
@@ -128,6 +129,7 @@ impl From<&AgentConfig> for WireConfig {
             nav_lost_ms,
             battery_low_permille,
             battery_critical_permille,
+            mate_lost_ms,
         } = supervisor;
         let (capture_ticks, capture_ps) = rate.ratio();
         Self {
@@ -150,6 +152,7 @@ impl From<&AgentConfig> for WireConfig {
             nav_lost_ms,
             battery_low_permille,
             battery_critical_permille,
+            mate_lost_ms,
         }
     }
 }
@@ -182,6 +185,7 @@ impl WireConfig {
                 nav_lost_ms: self.nav_lost_ms,
                 battery_low_permille: self.battery_low_permille,
                 battery_critical_permille: self.battery_critical_permille,
+                mate_lost_ms: self.mate_lost_ms,
             },
         })
     }

@@ -20,7 +20,10 @@ use crate::{
     config::AgentConfig,
     io::{Inputs, Outputs},
 };
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::{
+    mem::MaybeUninit,
+    sync::atomic::{AtomicU32, Ordering},
+};
 use embassy_futures::yield_now;
 use embassy_sync::{
     blocking_mutex::raw::CriticalSectionRawMutex as Raw, mutex::Mutex, pipe::Pipe, signal::Signal,
@@ -67,19 +70,25 @@ pub(super) struct Core {
     radio: RadioIntake,
 }
 
-/// An agent, its inputs and its outputs, each in a static of its own: what is all zeros at the start takes no flash,
-/// and nothing is ever made on the stack.
-static AGENT: ConstStaticCell<FlightAgent> =
-    ConstStaticCell::new(FlightAgent::new(AgentConfig::new(DroneId(1))));
+/// An agent, its inputs and its outputs, each in a static of its own, so that nothing is ever made on the stack. The agent
+/// is made in its place when the board starts: most of it is zeros, and its image would take 16 KiB of flash.
+static AGENT: StaticCell<FlightAgent> = StaticCell::new();
 static INPUTS: ConstStaticCell<Inputs> = ConstStaticCell::new(Inputs::new());
 static OUTPUTS: ConstStaticCell<Outputs> = ConstStaticCell::new(Outputs::new());
+
+/// Makes the agent that is nobody yet.
+#[inline(never)] // so that what this takes of the stack is given back
+fn nobody(place: &'static mut MaybeUninit<FlightAgent>) -> &'static mut FlightAgent {
+    place.write(FlightAgent::new(AgentConfig::new(DroneId(1))))
+}
 
 impl Shell {
     /// The board's only shell, which is nobody yet; none when there is one already.
     #[must_use]
     pub fn the_only() -> Option<&'static Self> {
         static SHELL: StaticCell<Shell> = StaticCell::new();
-        let (agent, inputs, outputs) = (AGENT.try_take()?, INPUTS.try_take()?, OUTPUTS.try_take()?);
+        let (agent, inputs, outputs) = (AGENT.try_uninit()?, INPUTS.try_take()?, OUTPUTS.try_take()?);
+        let agent = nobody(agent);
         let core = Core { agent, inputs, outputs, radio: RadioIntake::new() };
         Some(SHELL.try_uninit()?.write(Self::new(core)))
     }

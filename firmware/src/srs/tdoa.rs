@@ -85,8 +85,9 @@ impl Pairing {
     /// An empty table that waits for the last capture of an occasion until `max_age` after the first.
     #[must_use]
     pub const fn new(max_age: TimePs) -> Self {
-        let unused = Pending::new(TimePs(0), OccasionId(0));
-        Self { pending: Slots::new(unused), max_age, counts: TdoaCounts::NONE }
+        // Made by the compiler: a board that makes it in its place has no room for it on the stack.
+        let pending = const { Slots::new(Pending::new(TimePs(0), OccasionId(0))) };
+        Self { pending, max_age, counts: TdoaCounts::NONE }
     }
 
     /// Forgets everything, the counts included.

@@ -10,7 +10,9 @@ use skyroost_firmware::{
 };
 use skyroost_protocol::{
     codec::{Message, Sender, decode},
-    message::{AckStatus, Command, Down, Heading, LanePiece, MAX_LANE_PIECE, MissionHeader, Up, lanes_crc},
+    message::{
+        AckStatus, Command, Down, Heading, LanePiece, MAX_LANE_PIECE, MissionHeader, Up, Vertical, lanes_crc,
+    },
     units::{CommandId, DroneId, FleetId, MissionId, PosEnuMm, TimePs},
 };
 
@@ -127,5 +129,6 @@ pub(crate) fn header(mission: MissionId, lanes_mm: &[[i32; 2]]) -> MissionHeader
         waypoints: lanes_mm.len() as u16,
         d_safe_mm: 10_000,
         walls: 0,
+        vertical: Vertical::Preferred,
     }
 }

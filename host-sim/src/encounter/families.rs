@@ -115,6 +115,7 @@ fn vehicle(index: usize, from: [f64; 2], to: [f64; 2], speed_mps: f64) -> Vehicl
         vel_mps: vel.into(),
         goal_m: goal.into(),
         cooperative: true,
+        has_right_of_way: false,
     }
 }
 

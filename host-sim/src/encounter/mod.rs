@@ -15,13 +15,14 @@ mod tests;
 
 pub use families::{Family, draw};
 pub use noise::NoiseModel;
-pub use scenario::{Encounter, EncounterError, VehicleSpec, Vertical};
+pub use scenario::{Encounter, EncounterError, VehicleSpec};
 
 use skyroost_firmware::avoid::{self, Rule, Separation, pca::Mover};
 use skyroost_firmware::counters::Counters;
 use skyroost_firmware::guidance::goto;
 use skyroost_firmware::peers::PeerTable;
 use skyroost_firmware::{STEP_US, Vec3};
+pub use skyroost_protocol::message::Vertical;
 use skyroost_protocol::message::{PeerState, SharedState};
 use skyroost_protocol::units::{DroneId, PosEnuMm, TimePs, VelEnuMmps};
 
@@ -207,6 +208,7 @@ impl<'a> Flight<'a> {
                 pos: PosEnuMm(pos_m.map(|m| (m * 1e3).round() as i32).into()),
                 vel: VelEnuMmps(vel_mps.map(|mps| (mps * 1e3).round() as i16).into()),
                 error_radius_mm: (encounter.declared_m() * 1e3).round() as u16,
+                manner: pilot.spec.manner(),
             };
             let told = PeerState { drone: DroneId(pilot.spec.id), state };
             for receiver in 0..self.pilots.len() {
@@ -296,7 +298,9 @@ impl Pilot<'_> {
             d_safe_m: encounter.d_safe_m as f32,
             own_error_m: encounter.declared_m() as f32,
             max_speed_mps: encounter.max_speed_mps as f32,
-            vertical: encounter.vertical.into(),
+            vertical: encounter.vertical,
+            manner: self.spec.manner(),
+            arm_m: Vec3::zeros(),
         };
         let known = Knowledge { now, own, wanted_mps, peers: &self.peers, separation };
         let command = if self.spec.cooperative { steering.steer(&known) } else { wanted_mps };

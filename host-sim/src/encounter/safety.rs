@@ -17,7 +17,14 @@ fn vehicle(id: u16, from: [f64; 2], to: [f64; 2], speed_mps: f64) -> VehicleSpec
     let (from, to) = (V3::new(from[0], from[1], 100.0), V3::new(to[0], to[1], 100.0));
     let way = to - from;
     let vel = if speed_mps > 0.0 { way * (speed_mps / way.norm()) } else { V3::zeros() };
-    VehicleSpec { id, pos_m: from.into(), vel_mps: vel.into(), goal_m: to.into(), cooperative: true }
+    VehicleSpec {
+        id,
+        pos_m: from.into(),
+        vel_mps: vel.into(),
+        goal_m: to.into(),
+        cooperative: true,
+        has_right_of_way: false,
+    }
 }
 
 /// Two towards each other at full speed, from this distance.
@@ -100,4 +107,27 @@ fn no_more_than_the_table_holds_are_nearer_than_stopping_takes() {
     };
     let (within, beyond) = (with(0), with(40));
     assert!(within >= 10.0 && beyond < 10.0, "{within} {beyond}");
+}
+
+/// One that cannot manoeuvre flies its way as if it were alone; the others keep clear, wherever they come from.
+#[test]
+fn whoever_cannot_manoeuvre_is_kept_clear_of() {
+    for degrees in (0_i32..180).step_by(20) {
+        let angle = f64::from(degrees).to_radians();
+        let far = |m: f64| [m * angle.cos(), m * angle.sin()];
+        let own = VehicleSpec { has_right_of_way: true, ..vehicle(1, [200.0, 0.0], [-200.0, 0.0], 8.0) };
+        let other = vehicle(2, far(-210.0), far(190.0), 8.0);
+        let encounter =
+            Encounter { r_s_m: 0.0, declared_r_s_m: Some(2.0), ..Encounter::of(vec![own, other]) };
+        let mut aside_m = 0.0_f64;
+        let mut watch = |_: f64, places: &[(u16, V3)]| {
+            let own_m = places.iter().find(|place| place.0 == 1).unwrap().1;
+            aside_m = aside_m.max(own_m.y.abs()).max((own_m.z - 100.0).abs());
+        };
+        let outcome = fly(&encounter, &Avoidance::On, &mut watch).unwrap();
+        let least_m = outcome.min_separation_m.unwrap();
+        assert!(least_m >= 10.0, "from {degrees} degrees: {least_m} m");
+        assert!(aside_m < 1.0, "from {degrees} degrees: gave way by {aside_m} m");
+        assert!(outcome.arrival_s.iter().all(Option::is_some));
+    }
 }

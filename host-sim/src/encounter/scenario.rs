@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use skyroost_protocol::message::{Manner, Vertical};
+
 use super::NoiseModel;
 
 /// More vehicles than anybody flies at once.
@@ -59,29 +61,6 @@ pub struct Encounter {
     pub vehicles: Vec<VehicleSpec>,
 }
 
-/// How gladly vehicles give way up and down ([`skyroost_firmware::avoid::Vertical`]).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Vertical {
-    /// Never.
-    Level,
-    /// As gladly as to the side.
-    Free,
-    /// More gladly.
-    #[default]
-    Preferred,
-}
-
-impl From<Vertical> for skyroost_firmware::avoid::Vertical {
-    fn from(vertical: Vertical) -> Self {
-        match vertical {
-            Vertical::Level => Self::Level,
-            Vertical::Free => Self::Free,
-            Vertical::Preferred => Self::Preferred,
-        }
-    }
-}
-
 /// One of those that meet.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -98,9 +77,18 @@ pub struct VehicleSpec {
     /// Whether it avoids others. One that does not flies straight and is not known for it.
     #[serde(default = "defaults::cooperative")]
     pub cooperative: bool,
+    /// Whether it tells that it cannot manoeuvre as it would have to: the others keep clear of it by themselves.
+    #[serde(default)]
+    pub has_right_of_way: bool,
 }
 
 impl VehicleSpec {
+    /// Who gives way where it meets others.
+    #[must_use]
+    pub fn manner(&self) -> Manner {
+        if self.has_right_of_way { Manner::UNABLE } else { Manner::ALONE }
+    }
+
     /// Its cruise speed, m/s.
     #[must_use]
     pub fn cruise_mps(&self, max_speed_mps: f64) -> f64 {

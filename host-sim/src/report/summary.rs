@@ -150,10 +150,12 @@ pub struct SafetySummary {
     pub min_obstacle_distance_m: Option<f64>,
     /// Least distance of a drone from the fence, metres: negative if it was left; none where nobody flew.
     pub min_fence_distance_m: Option<f64>,
-    /// Root mean square of a drone's distance from its place in the formation on the lanes, metres.
+    /// Root mean square of a drone's distance from its place in the formation on the lanes, outside of manoeuvres, metres.
     pub formation_error_rms_m: f64,
-    /// Greatest distance of a drone from its place in the formation on the lanes, metres.
+    /// Greatest such distance, metres.
     pub formation_error_max_m: f64,
+    /// Manoeuvres: how long fleets on the lanes avoided somebody, or came back from that; of all fleets together.
+    pub manoeuvres_s: f64,
 }
 
 /// What crossed the radio between drones and control center.

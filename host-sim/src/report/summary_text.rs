@@ -103,7 +103,15 @@ fn safety(f: &mut fmt::Formatter<'_>, safety: &SafetySummary) -> fmt::Result {
     }
     row(f, "fence", format!("{} within at least", metres(safety.min_fence_distance_m)))?;
     let (rms, max) = (Some(safety.formation_error_rms_m), Some(safety.formation_error_max_m));
-    row(f, "formation", format!("error {} rms, {} at most", metres(rms), metres(max)))
+    row(f, "formation", format!("error {} rms, {} at most", metres(rms), metres(max)))?;
+    if safety.manoeuvres_s > 0.0 {
+        row(
+            f,
+            "manoeuvres",
+            format!("{:.0} s of avoiding on the lanes, not counted above", safety.manoeuvres_s),
+        )?;
+    }
+    Ok(())
 }
 
 fn link(f: &mut fmt::Formatter<'_>, link: &LinkSummary) -> fmt::Result {

@@ -70,6 +70,7 @@ pub(super) fn outcome(
             min_fence_distance_m: flight.clearance.within_fence_m(),
             formation_error_rms_m: if samples == 0 { 0.0 } else { (squares_m2 / samples as f64).sqrt() },
             formation_error_max_m: flight.fleets.iter().map(FleetWatch::max_error_m).fold(0.0, f64::max),
+            manoeuvres_s: flight.fleets.iter().map(FleetWatch::manoeuvres_s).sum(),
         },
         link: LinkSummary {
             frames: counters.sent,
@@ -166,13 +167,15 @@ pub(super) fn event_text(code: EventCode, value: u32) -> String {
         "returning home",
         "landing",
     ];
-    const CONDITIONS: [&str; 6] = [
+    const CONDITIONS: [&str; 8] = [
         "control link quiet",
         "control link lost",
         "control link gone",
         "navigation lost",
         "battery low",
         "battery critical",
+        "fleet mate lost",
+        "avoiding",
     ];
     let named =
         |names: &[&str]| names.get(value as usize).map_or_else(|| value.to_string(), |n| (*n).to_owned());

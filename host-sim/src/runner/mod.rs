@@ -30,7 +30,7 @@ use digest::Digest;
 use island::{Island, IslandTimes, Surroundings};
 use rayon::prelude::*;
 use setup::Setup;
-use skyroost_firmware::STEP_US;
+use skyroost_firmware::{STEP_US, supervisor::Condition};
 use skyroost_protocol::units::{DroneId, TimePs};
 use std::{
     collections::BTreeSet,
@@ -275,7 +275,11 @@ impl Flight {
         if due && self.control.stage() == Stage::Sweep && end_s > started {
             let positions_m = self.window_m.last().expect("a window has steps");
             for (watch, fleet) in self.fleets.iter_mut().zip(&self.control.plan().fleets) {
-                watch.sweeping(end_s, fleet.mates.map(|id| positions_m[usize::from(id.0) - 1]));
+                let avoiding = fleet
+                    .mates
+                    .iter()
+                    .any(|id| self.control.conditions(*id) & Condition::Avoiding.bit() != 0);
+                watch.sweeping(end_s, fleet.mates.map(|id| positions_m[usize::from(id.0) - 1]), avoiding);
             }
         }
     }

@@ -239,6 +239,7 @@ fn mission_plan(
         d_safe_m: table.d_safe_m,
         d_plan_m,
         min_goal_distance_m: d_plan_m + GOAL_SLACK_M,
+        vertical: table.vertical,
         srs: SrsConfig {
             period: TimePs((scenario.srs.period_s * 1e12) as i64),
             max_per_period: (f64::from(scenario.srs.max_per_second) * scenario.srs.period_s) as usize,

@@ -96,9 +96,16 @@ pub(super) struct FleetWatch {
     squares_m2: f64,
     samples: u64,
     max_m: f64,
+    /// When the fleet is or was back in formation after the last manoeuvre.
+    formed_s: f64,
+    manoeuvres_s: f64,
+    last_s: f64,
     track: Vec<(V2, f64)>,
     next_track_s: f64,
 }
+
+/// After a manoeuvre a fleet comes back to its lane at 3 m/s, from as far as its circle and a separation.
+const FORM_AGAIN_S: f64 = 15.0;
 
 /// The track for the proof of coverage is sampled this often; see [`FleetWatch::stadiums`].
 const TRACK_EVERY_S: f64 = 0.24;
@@ -124,13 +131,17 @@ impl FleetWatch {
             squares_m2: 0.0,
             samples: 0,
             max_m: 0.0,
+            formed_s: 0.0,
+            manoeuvres_s: 0.0,
+            last_s: 0.0,
             track: Vec::new(),
             next_track_s: 0.0,
         }
     }
 
-    /// True positions of the three drones, by slot, at `t_s` while the fleet sweeps.
-    pub(super) fn sweeping(&mut self, t_s: f64, pos_m: [V3; 3]) {
+    /// True positions of the three drones, by slot, at `t_s` while the fleet sweeps, and whether one of them avoids
+    /// somebody.
+    pub(super) fn sweeping(&mut self, t_s: f64, pos_m: [V3; 3], avoiding: bool) {
         if self.ended_s.is_some() {
             return;
         }
@@ -144,9 +155,16 @@ impl FleetWatch {
             self.phase_um = (self.phase_um + (ahead_m * 1e6) as i64).clamp(0, self.lanes.length_um());
         }
         let Some(point) = self.lanes.at(self.phase_um, &mut self.cursor) else { return };
-        // On the way to the lanes fleets may have to avoid each other.
         let on_lanes = self.phase_um >= self.lanes_from_um;
-        for (slot, pos) in self.slots.iter().zip(&pos_m).filter(|_| on_lanes) {
+        if avoiding {
+            self.formed_s = t_s + FORM_AGAIN_S;
+        }
+        let in_formation = t_s >= self.formed_s;
+        if on_lanes && !in_formation && self.last_s > 0.0 {
+            self.manoeuvres_s += t_s - self.last_s;
+        }
+        self.last_s = t_s;
+        for (slot, pos) in self.slots.iter().zip(&pos_m).filter(|_| on_lanes && in_formation) {
             let place = slot.reference(&point, 0.0, 0.0, self.altitude_m as f32).pos_enu_m.map(f64::from);
             let error_m = (pos - place).norm();
             self.squares_m2 += error_m * error_m;
@@ -183,6 +201,11 @@ impl FleetWatch {
     /// Sum of squared formation errors and their number.
     pub(super) fn errors(&self) -> (f64, u64) {
         (self.squares_m2, self.samples)
+    }
+
+    /// How long the fleet avoided somebody on its lanes or came back from that, seconds.
+    pub(super) fn manoeuvres_s(&self) -> f64 {
+        self.manoeuvres_s
     }
 
     /// Greatest formation error, metres.

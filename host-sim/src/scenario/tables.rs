@@ -1,6 +1,7 @@
 //! The keys of a scenario and their defaults.
 
 use serde::{Deserialize, Serialize};
+use skyroost_protocol::message::Vertical;
 use std::path::PathBuf;
 
 /// A whole scenario. Lengths are in metres in the local east-north-up frame of the area.
@@ -158,6 +159,8 @@ pub struct FleetTable {
     pub r_s_m: f64,
     /// Largest acceleration.
     pub max_accel_mps2: f64,
+    /// Whether drones give way up and down.
+    pub vertical: Vertical,
     /// What the sweep leaves of the overlap region's radius to the formation's flying error.
     pub margin_m: f64,
 }
@@ -178,6 +181,7 @@ impl Default for FleetTable {
             d_safe_m: 10.0,
             r_s_m: 2.0,
             max_accel_mps2: 3.0,
+            vertical: Vertical::default(),
             margin_m: 3.0,
         }
     }

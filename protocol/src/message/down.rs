@@ -107,6 +107,21 @@ wire! {
         /// segment; the third is no place but a radius and a top: the wall is all that is within the radius of the
         /// segment, from the ground up to the top, millimetres.
         pub walls: u16,
+        /// Whether to give way up and down.
+        pub vertical: Vertical,
+    }
+
+    /// How gladly drones give way up and down, rather than to the side.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Vertical {
+        /// Never: the altitude is left to guidance.
+        Level,
+        /// As gladly as to the side.
+        Free,
+        /// More gladly: a metre to the side counts for one and a half up or down.
+        #[default]
+        Preferred,
     }
 
     /// How the formation turns.

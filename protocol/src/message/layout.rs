@@ -8,7 +8,7 @@
 //! Types with more than one part are defined within [`wire!`], so that what is said here of a type cannot
 //! differ from what serde derives from the same definition.
 
-use super::{Down, Peer, TdoaFlags, Up};
+use super::{Down, Manner, Peer, TdoaFlags, Up};
 use crate::units::{
     CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
     VelEnuMmps,
@@ -93,6 +93,7 @@ units! {
     PosEnuMm([i32; 3]);
     VelEnuMmps([i16; 3]);
     TdoaFlags(u8);
+    Manner(u8);
 }
 
 /// Defines the structs and enums within and implements [`Layout`] for them.

@@ -14,12 +14,12 @@ mod up;
 pub use checksum::lanes_crc;
 pub use down::{
     Command, Down, Heading, LanePiece, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST,
-    MAX_WAYPOINTS, MissionHeader, PeerState, SrsRequest, SrsRequestEntry, WAYPOINTS_PER_WALL,
+    MAX_WAYPOINTS, MissionHeader, PeerState, SrsRequest, SrsRequestEntry, Vertical, WAYPOINTS_PER_WALL,
 };
 pub use layout::SCHEMA_HASH;
 pub(crate) use layout::{Layout, longest};
 pub use peer::{CaptureEntry, ClockState, MAX_CAPTURES_PER_FRAME, Peer};
 pub use up::{
     AckStatus, Attached, AttachedUser, EventCode, FlightPhase, MAX_ATTACHED_PER_FRAME, MAX_TDOA_PER_FRAME,
-    MateTdoa, SharedState, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
+    Manner, MateTdoa, SharedState, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
 };

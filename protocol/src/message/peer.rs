@@ -22,7 +22,7 @@ wire! {
             phase_um: i64,
             /// Its rate, millimetres a second.
             rate_mmps: u16,
-            /// Distance of the sender from its slot, millimetres.
+            /// Distance of the sender from its slot, as far as the fleet should wait for it, millimetres.
             track_error_mm: u32,
         },
     }

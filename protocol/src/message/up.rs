@@ -3,7 +3,8 @@
 use super::layout::wire;
 use super::peer::ClockState;
 use crate::units::{
-    CommandId, DroneId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId, VelEnuMmps,
+    CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
+    VelEnuMmps,
 };
 use core::ops::BitOr;
 use heapless::Vec;
@@ -72,6 +73,8 @@ wire! {
         pub vel: VelEnuMmps,
         /// Error radius of the position, millimetres.
         pub error_radius_mm: u16,
+        /// How it flies.
+        pub manner: Manner,
     }
 
     /// What became of a command.
@@ -226,6 +229,33 @@ wire! {
         SweepDone,
         /// At the commanded goal; value: distance to it in millimetres.
         GoalReached,
+    }
+}
+
+/// How a drone flies, as far as others must know to avoid it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manner(pub u8);
+
+impl Manner {
+    /// For itself: it gives way and so do others.
+    pub const ALONE: Self = Self(0);
+    /// It cannot manoeuvre as it would have to: all others give way.
+    pub const UNABLE: Self = Self(u8::MAX);
+
+    /// In formation: its fleet gives way as one body. Fleets beyond the 254th are not told apart, and fly alone.
+    #[must_use]
+    pub const fn formation(fleet: FleetId) -> Self {
+        if fleet.0 < 254 { Self(fleet.0 as u8 + 1) } else { Self::ALONE }
+    }
+
+    /// The formation that it is part of.
+    #[must_use]
+    pub const fn fleet(self) -> Option<FleetId> {
+        if self.0 == Self::ALONE.0 || self.0 == Self::UNABLE.0 {
+            None
+        } else {
+            Some(FleetId(self.0 as u16 - 1))
+        }
     }
 }
 

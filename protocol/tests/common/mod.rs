@@ -7,8 +7,8 @@ use skyroost_protocol::codec::encode;
 use skyroost_protocol::message::{
     AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
     Heading, LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME,
-    MAX_SRS_PER_REQUEST, MAX_TDOA_PER_FRAME, MateTdoa, MissionHeader, Peer, PeerState, SharedState,
-    SrsRequest, SrsRequestEntry, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up,
+    MAX_SRS_PER_REQUEST, MAX_TDOA_PER_FRAME, Manner, MateTdoa, MissionHeader, Peer, PeerState, SharedState,
+    SrsRequest, SrsRequestEntry, TdoaCounts, TdoaEntry, TdoaFlags, Telemetry, Up, Vertical,
 };
 use skyroost_protocol::units::{
     CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
@@ -48,9 +48,15 @@ fn pos() -> impl Strategy<Value = PosEnuMm> + Clone {
 }
 
 fn state() -> impl Strategy<Value = SharedState> + Clone {
-    (time(), pos(), any::<[i16; 3]>(), any::<u16>()).prop_map(|(time, pos, vel, error_radius_mm)| {
-        SharedState { time, pos, vel: VelEnuMmps(vel), error_radius_mm }
-    })
+    (time(), pos(), any::<[i16; 3]>(), any::<u16>(), any::<u8>()).prop_map(
+        |(time, pos, vel, error_radius_mm, manner)| SharedState {
+            time,
+            pos,
+            vel: VelEnuMmps(vel),
+            error_radius_mm,
+            manner: Manner(manner),
+        },
+    )
 }
 
 fn ack_status() -> impl Strategy<Value = AckStatus> {
@@ -169,27 +175,31 @@ pub(crate) fn up() -> impl Strategy<Value = Up> {
 
 fn mission_header() -> impl Strategy<Value = MissionHeader> {
     let heading = proptest::sample::select(&[Heading::Fixed, Heading::AlongTrack][..]);
+    let vertical = proptest::sample::select(&[Vertical::Level, Vertical::Free, Vertical::Preferred][..]);
     (
         (id(MissionId), option::of(id(FleetId)), any::<[u16; 3]>(), any::<u8>(), heading),
-        (any::<[u32; 2]>(), any::<i16>(), any::<[u16; 4]>(), pos()),
+        (any::<[u32; 2]>(), any::<i16>(), any::<[u16; 4]>(), pos(), vertical),
     )
-        .prop_map(|((mission, fleet, mates, slot, heading), (longs, orientation_mrad, shorts, home))| {
-            MissionHeader {
-                mission,
-                fleet,
-                mates: mates.map(DroneId),
-                slot,
-                spacing_mm: longs[0],
-                heading,
-                orientation_mrad,
-                speed_mmps: shorts[0],
-                altitude_mm: longs[1],
-                home,
-                waypoints: shorts[1],
-                d_safe_mm: shorts[2],
-                walls: shorts[3],
-            }
-        })
+        .prop_map(
+            |((mission, fleet, mates, slot, heading), (longs, orientation_mrad, shorts, home, vertical))| {
+                MissionHeader {
+                    mission,
+                    fleet,
+                    mates: mates.map(DroneId),
+                    slot,
+                    spacing_mm: longs[0],
+                    heading,
+                    orientation_mrad,
+                    speed_mmps: shorts[0],
+                    altitude_mm: longs[1],
+                    home,
+                    waypoints: shorts[1],
+                    d_safe_mm: shorts[2],
+                    walls: shorts[3],
+                    vertical,
+                }
+            },
+        )
 }
 
 fn command() -> impl Strategy<Value = Command> {

@@ -15,8 +15,8 @@ use skyroost_protocol::{
     codec::{Frame, Sender},
     message::{
         AttachedUser, CaptureEntry, ClockState, Command, Down, Heading, LanePiece, MAX_ATTACHED_PER_FRAME,
-        MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, MissionHeader,
-        Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry, lanes_crc,
+        MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, Manner,
+        MissionHeader, Peer, PeerState, SharedState, SrsRequest, SrsRequestEntry, Vertical, lanes_crc,
     },
     units::{
         CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId, VelEnuMmps,
@@ -129,6 +129,7 @@ struct Neighbour {
     pos_mm: [i32; 3],
     vel_mmps: [i16; 3],
     error_radius_mm: u16,
+    manner: Manner,
 }
 
 /// What brings a flight into its next phase.
@@ -307,6 +308,7 @@ impl Flight {
                         pos: PosEnuMm(n.pos_mm),
                         vel: VelEnuMmps(n.vel_mmps),
                         error_radius_mm: n.error_radius_mm,
+                        manner: n.manner,
                     },
                 };
                 self.say(&Down::Peers(neighbours.iter().map(state).collect()))
@@ -410,6 +412,7 @@ pub(crate) fn flood() -> Result<Counters, String> {
             waypoints: lanes_mm.len() as u16,
             d_safe_mm: 10_000,
             walls: 0,
+            vertical: Vertical::Preferred,
         },
         2,
         true,
@@ -441,6 +444,7 @@ pub(crate) fn flood() -> Result<Counters, String> {
             pos_mm: [i32::from(drone) * 15_000, 5_000, 30_000],
             vel_mmps: [-3_000, 0, 0],
             error_radius_mm: 1_000,
+            manner: Manner::ALONE,
         };
         let page = (first..first + MAX_PEERS_PER_FRAME as u16).map(neighbour);
         flight.word(&Word::Peers(page.collect()))?;

@@ -8,7 +8,7 @@ use skyroost_protocol::{
     codec::MAX_FRAME,
     message::{
         ClockState, Command, Down, Heading, LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME,
-        MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, MissionHeader,
+        MAX_LANE_PIECE, MAX_PEERS_PER_FRAME, MAX_SRS_PER_REQUEST, Manner, MissionHeader, Vertical,
     },
     units::{CommandId, DroneId, FleetId, MissionId, PosEnuMm, TimePs},
 };
@@ -46,13 +46,16 @@ fn position_mm() -> impl Strategy<Value = [i32; 3]> {
 fn neighbour() -> impl Strategy<Value = Neighbour> {
     let vel = prop_oneof![[-12_000_i16..12_000, -12_000_i16..12_000, -3_000_i16..3_000], any::<[i16; 3]>()];
     let drone = prop_oneof![5 => 1_u16..60, 1 => any::<u16>()];
-    (drone, time(), position_mm(), vel, prop_oneof![0_u16..5_000, any::<u16>()]).prop_map(
-        |(drone, ahead, pos_mm, vel_mmps, error_radius_mm)| Neighbour {
+    let manner =
+        prop_oneof![2 => Just(Manner(0)), 2 => (1_u8..4).prop_map(Manner), 1 => any::<u8>().prop_map(Manner)];
+    (drone, time(), position_mm(), vel, prop_oneof![0_u16..5_000, any::<u16>()], manner).prop_map(
+        |(drone, ahead, pos_mm, vel_mmps, error_radius_mm, manner)| Neighbour {
             drone,
             ahead,
             pos_mm,
             vel_mmps,
             error_radius_mm,
+            manner,
         },
     )
 }
@@ -61,12 +64,17 @@ fn heading() -> impl Strategy<Value = Heading> {
     select(vec![Heading::Fixed, Heading::AlongTrack])
 }
 
+fn vertical() -> impl Strategy<Value = Vertical> {
+    select(vec![Vertical::Level, Vertical::Free, Vertical::Preferred])
+}
+
 fn wild_header() -> impl Strategy<Value = MissionHeader> {
     (
         (any::<u16>(), any::<Option<u16>>(), any::<[u16; 3]>(), any::<u8>(), any::<u32>(), heading()),
         (any::<i16>(), any::<u16>(), any::<u32>(), any::<[i32; 3]>(), any::<u16>(), any::<[u16; 2]>()),
+        vertical(),
     )
-        .prop_map(|((mission, fleet, mates, slot, spacing_mm, heading), rest)| {
+        .prop_map(|((mission, fleet, mates, slot, spacing_mm, heading), rest, vertical)| {
             let (orientation_mrad, speed_mmps, altitude_mm, home_mm, waypoints, [d_safe_mm, walls]) = rest;
             MissionHeader {
                 mission: MissionId(mission),
@@ -82,6 +90,7 @@ fn wild_header() -> impl Strategy<Value = MissionHeader> {
                 waypoints,
                 d_safe_mm,
                 walls,
+                vertical,
             }
         })
 }
@@ -89,9 +98,15 @@ fn wild_header() -> impl Strategy<Value = MissionHeader> {
 /// A mission that the drone can fly.
 fn header(waypoints: u16) -> impl Strategy<Value = MissionHeader> {
     let home = [-3_000_i32..3_000, -3_000_i32..3_000, 0_i32..500];
-    let shape = (20_000_u32..90_000, heading(), any::<i16>(), 1_000_u16..11_000);
+    let shape = (20_000_u32..90_000, heading(), any::<i16>(), 1_000_u16..11_000, vertical());
     (shape, 5_000_u32..80_000, home, 0_u16..20_000, proptest::bool::weighted(0.85)).prop_map(
-        move |((spacing_mm, heading, orientation_mrad, speed_mmps), altitude_mm, home, d_safe_mm, fleet)| {
+        move |(
+            (spacing_mm, heading, orientation_mrad, speed_mmps, vertical),
+            altitude_mm,
+            home,
+            d_safe_mm,
+            fleet,
+        )| {
             MissionHeader {
                 mission: MISSION,
                 fleet: fleet.then_some(FleetId(0)),
@@ -107,6 +122,7 @@ fn header(waypoints: u16) -> impl Strategy<Value = MissionHeader> {
                 d_safe_mm,
                 // The last waypoints stand for walls of any radius and top.
                 walls: waypoints / 16,
+                vertical,
             }
         },
     )

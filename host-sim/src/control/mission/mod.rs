@@ -320,6 +320,13 @@ impl ControlCenter {
         self.drones.iter().filter_map(|drone| drone.telemetry).map(|telemetry| telemetry.tdoa)
     }
 
+    /// Conditions of a drone's supervisor that are in force, one bit each, by its last telemetry.
+    #[must_use]
+    pub fn conditions(&self, drone: DroneId) -> u16 {
+        let known = self.drones.iter().find(|known| known.id == drone).and_then(|known| known.telemetry);
+        known.map_or(0, |telemetry| telemetry.conditions)
+    }
+
     /// What could not be used.
     #[must_use]
     pub fn counters(&self) -> &ControlCounters {

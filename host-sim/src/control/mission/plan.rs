@@ -5,7 +5,7 @@ use crate::{
     geometry::{V2, V3},
 };
 use skyroost_protocol::{
-    message::Heading,
+    message::{Heading, Vertical},
     units::{DroneId, TimePs},
 };
 
@@ -38,6 +38,8 @@ pub struct MissionPlan {
     pub d_plan_m: f64,
     /// Least distance of two placements, some more than `d_plan_m`, metres.
     pub min_goal_distance_m: f64,
+    /// Whether drones give way up and down.
+    pub vertical: Vertical,
     /// How often users are asked.
     pub srs: SrsConfig,
     /// How users are located.

@@ -155,6 +155,7 @@ impl ControlCenter {
                 waypoints: waypoints.len() as u16,
                 d_safe_mm: (plan.d_safe_m * 1e3) as u16,
                 walls: (plan.walls_mm.len() / WAYPOINTS_PER_WALL) as u16,
+                vertical: plan.vertical,
             };
             link.upload(header, waypoints);
         }
