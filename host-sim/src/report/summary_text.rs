@@ -3,8 +3,8 @@
 
 use super::limits::Bound;
 use super::summary::{
-    BoardSummary, LinkSummary, LocalizationSummary, PlacementSummary, PunctualitySummary, SafetySummary,
-    SrsSummary, Summary, SweepSummary, Timing,
+    BoardSummary, LinkSummary, LocalizationSummary, LostDrone, PlacementSummary, PunctualitySummary,
+    SafetySummary, SrsSummary, Summary, SweepSummary, Timing,
 };
 use std::fmt;
 
@@ -17,6 +17,9 @@ impl fmt::Display for Summary {
         localization(f, &self.localization)?;
         placement(f, &self.placement)?;
         safety(f, &self.safety)?;
+        for LostDrone { drone, at_s } in &self.lost {
+            row(f, "lost", format!("drone {drone}, silent in the air at {at_s:.1} s"))?;
+        }
         link(f, &self.link)?;
         boards(f, &self.boards)?;
         timing(f, &self.timing)?;
