@@ -205,7 +205,7 @@ fn plain(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use crate::report::limits::judge;
-    use crate::report::summary::{PlacedDrone, SrsSummary, Summary, Timing};
+    use crate::report::summary::{LostDrone, PlacedDrone, SrsSummary, Summary, Timing};
     use crate::scenario::LoadedScenario;
 
     /// A mission of the paper's scenario with one limit missed.
@@ -226,6 +226,7 @@ mod tests {
         summary.sweep.duration_s = 5820.0;
         summary.sweep.mission_time_s = 5950.0;
         summary.sweep.length_m = vec![58_182.0, 58_182.0];
+        summary.lost = vec![LostDrone { drone: 2, at_s: 901.64 }];
         summary.srs = SrsSummary { hits: 143_210, misses: 1_234, gated: 3_456, ..SrsSummary::default() };
         let found = &mut summary.localization;
         (found.users, found.located) = (500, 499);

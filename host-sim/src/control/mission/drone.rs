@@ -8,7 +8,7 @@ use skyroost_protocol::{
         SharedState, Telemetry, Up, lanes_crc,
     },
     session::Receiver,
-    units::{CommandId, DroneId, TimePs},
+    units::{CommandId, DroneId, TimePs, VelEnuMmps},
 };
 use std::collections::VecDeque;
 
@@ -119,8 +119,13 @@ impl DroneLink {
             }
             _ => None,
         };
-        if let Some(said) = said.filter(|said| said.0 >= self.in_the_air.0) {
-            self.in_the_air = said;
+        let Some((time, in_the_air)) = said.filter(|said| said.0 >= self.in_the_air.0) else { return };
+        self.in_the_air = (time, in_the_air);
+        // On the ground nothing is shared, but where it stands is known: else others would keep out of the way of a
+        // silent neighbour that may be anywhere, and never land beside it.
+        if let Some(state) = self.state.as_mut().filter(|state| !in_the_air && state.time < time) {
+            state.time = time;
+            state.vel = VelEnuMmps([0; 3]);
         }
     }
 

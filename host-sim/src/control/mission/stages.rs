@@ -40,7 +40,10 @@ impl ControlCenter {
                 let next = if self.plan.assembly.is_some() { Stage::Assemble } else { Stage::Sweep };
                 self.fleets_in(FlightPhase::Hold, now).then_some(next)
             }
-            Stage::Assemble => self.assembled(now).then_some(Stage::Sweep),
+            Stage::Assemble => {
+                self.check_sweepers(now)?;
+                self.assembled(now).then_some(Stage::Sweep)
+            }
             Stage::Sweep => {
                 self.check_sweepers(now)?;
                 let started = self.sweep_started.is_some_and(|start| now > start);

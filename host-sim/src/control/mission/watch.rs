@@ -195,6 +195,8 @@ mod tests {
             _ => {}
         });
         assert_eq!(events, []);
+        // Others hear that it stands there.
+        assert_eq!(control.drones[0].state.map(|state| state.time), Some(at(3_000)));
     }
 
     #[test]
