@@ -64,7 +64,7 @@ impl FlightAgent {
                 AckStatus::Accepted
             }
             Command::StartSweep { at } => match (&self.mission, phase) {
-                (Some(_), Hold) if !self.lanes.is_empty() => {
+                (Some(_), Hold | Serve) if !self.lanes.is_empty() => {
                     self.flight.start_sweep(*at);
                     AckStatus::Accepted
                 }

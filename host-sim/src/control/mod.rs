@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod air_to_ground;
 pub mod airspace;
 pub mod area;
+pub mod assemble;
 pub mod assign;
 pub mod captures;
 pub mod localize;

@@ -32,6 +32,8 @@ pub struct Summary {
     pub placement: PlacementSummary,
     /// How the drones kept apart and together.
     pub safety: SafetySummary,
+    /// Drones that the control center lost in the air and never heard again.
+    pub lost: Vec<LostDrone>,
     /// What crossed the radio between drones and control center.
     pub link: LinkSummary,
     /// The boards that the flight code ran on, by drone; empty where it ran in this process.
@@ -156,6 +158,15 @@ pub struct SafetySummary {
     pub formation_error_max_m: f64,
     /// Manoeuvres: how long fleets on the lanes avoided somebody, or came back from that; of all fleets together.
     pub manoeuvres_s: f64,
+}
+
+/// A drone that fell silent in the air.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct LostDrone {
+    /// The drone, from 1.
+    pub drone: u16,
+    /// When the control center knew, simulated seconds.
+    pub at_s: f64,
 }
 
 /// What crossed the radio between drones and control center.

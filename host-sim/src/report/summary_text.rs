@@ -3,8 +3,8 @@
 
 use super::limits::Bound;
 use super::summary::{
-    BoardSummary, LinkSummary, LocalizationSummary, PlacementSummary, PunctualitySummary, SafetySummary,
-    SrsSummary, Summary, SweepSummary, Timing,
+    BoardSummary, LinkSummary, LocalizationSummary, LostDrone, PlacementSummary, PunctualitySummary,
+    SafetySummary, SrsSummary, Summary, SweepSummary, Timing,
 };
 use std::fmt;
 
@@ -17,6 +17,9 @@ impl fmt::Display for Summary {
         localization(f, &self.localization)?;
         placement(f, &self.placement)?;
         safety(f, &self.safety)?;
+        for LostDrone { drone, at_s } in &self.lost {
+            row(f, "lost", format!("drone {drone}, silent in the air at {at_s:.1} s"))?;
+        }
         link(f, &self.link)?;
         boards(f, &self.boards)?;
         timing(f, &self.timing)?;
@@ -210,7 +213,7 @@ fn plain(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use crate::report::limits::judge;
-    use crate::report::summary::{PlacedDrone, SrsSummary, Summary, Timing};
+    use crate::report::summary::{LostDrone, PlacedDrone, SrsSummary, Summary, Timing};
     use crate::scenario::LoadedScenario;
 
     /// A mission of the paper's scenario with one limit missed.
@@ -231,6 +234,7 @@ mod tests {
         summary.sweep.duration_s = 5820.0;
         summary.sweep.mission_time_s = 5950.0;
         summary.sweep.length_m = vec![58_182.0, 58_182.0];
+        summary.lost = vec![LostDrone { drone: 2, at_s: 901.64 }];
         summary.srs = SrsSummary { hits: 143_210, misses: 1_234, gated: 3_456, ..SrsSummary::default() };
         let found = &mut summary.localization;
         (found.users, found.located) = (500, 499);

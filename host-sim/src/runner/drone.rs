@@ -61,6 +61,10 @@ pub(super) struct Drone {
     attached: Vec<AttachedUser>,
     /// Captures that no step had room for.
     pub(super) captures_dropped: u64,
+    /// Step from which on its board is dead.
+    lost_from: Option<u64>,
+    /// Whether it is.
+    lost: bool,
 }
 
 /// Parts of a drone.
@@ -78,6 +82,8 @@ pub(super) struct Parts {
     pub(super) toa_sigma_ns: f64,
     pub(super) error_radius_m: f64,
     pub(super) radius_m: f64,
+    /// When its board goes dead, if ever; simulated seconds.
+    pub(super) lost_at_s: Option<f64>,
 }
 
 impl Drone {
@@ -104,15 +110,29 @@ impl Drone {
             captured: Vec::new(),
             attached: Vec::new(),
             captures_dropped: 0,
+            lost_from: parts.lost_at_s.map(|at_s| (at_s / f64::from(STEP_S)).ceil() as u64),
+            lost: false,
         }
+    }
+
+    /// Whether its board is dead.
+    pub(super) fn is_lost(&self) -> bool {
+        self.lost
     }
 
     /// Everything the board learns at `step` but for frames.
     pub(super) fn sense(&mut self, step: u64, users: &PointGrid, user_pos_m: &[V3]) {
         let now_us = step * STEP_US as u64;
         let now_ps = TimePs::from_us(now_us as i64).0;
+        if !self.lost && self.lost_from.is_some_and(|from| step >= from) {
+            self.lost = true;
+            self.gates.clear();
+        }
         let inputs = &mut self.inputs;
         inputs.clear();
+        if self.lost {
+            return;
+        }
         let fix = self.gnss.step(self.vehicle.pos_enu_m(), self.vehicle.vel_enu_mps());
         inputs.nav = Some(NavFix {
             pos_enu_m: Vec3::from(fix.pos_enu_m.map(|m| m as f32)),
@@ -159,16 +179,25 @@ impl Drone {
     /// The board begins its step.
     pub(super) fn begin_step(&mut self, step: u64) -> Result<(), BoardError> {
         self.outputs.clear();
+        if self.lost {
+            return Ok(());
+        }
         self.board.begin_step(TimePs::from_us(step as i64 * STEP_US), &self.inputs, &mut self.outputs)
     }
 
     /// The board ends its step.
     pub(super) fn end_step(&mut self) -> Result<(), BoardError> {
+        if self.lost {
+            return Ok(());
+        }
         self.board.end_step(&mut self.outputs)
     }
 
     /// The board's outputs go where they belong, but for frames to fleet mates.
     pub(super) fn send(&mut self, now_us: u64) {
+        if self.lost {
+            return;
+        }
         self.digest.add(&self.outputs);
         for frame in &self.outputs.uplink {
             self.uplink.send(now_us, frame);
@@ -183,7 +212,7 @@ impl Drone {
     /// One step of the body.
     pub(super) fn fly(&mut self) {
         let setpoint = &self.outputs.setpoint;
-        let (command, load) = if setpoint.motors && !self.battery.is_empty() {
+        let (command, load) = if setpoint.motors && !self.lost && !self.battery.is_empty() {
             let command = Command::Velocity {
                 vel_enu_mps: V3::from(setpoint.vel_enu_mps.map(f64::from)),
                 accel_ff_enu_mps2: V3::from(setpoint.accel_enu_mps2.map(f64::from)),

@@ -18,7 +18,7 @@ use crate::{
     report::{
         figures::{quantile, status_name},
         summary::{
-            BoardSummary, LinkSummary, LocalizationSummary, PlacedDrone, PlacementSummary,
+            BoardSummary, LinkSummary, LocalizationSummary, LostDrone, PlacedDrone, PlacementSummary,
             PunctualitySummary, SafetySummary, SrsSummary, Summary, SweepSummary,
         },
     },
@@ -78,6 +78,11 @@ pub(super) fn outcome(
             lost: counters.lost + counters.dropped_overflow,
             rejected: flight.control.counters().frames_rejected + flight.rejected_on_board(),
         },
+        lost: flight
+            .control
+            .lost()
+            .map(|(id, at)| LostDrone { drone: id.0, at_s: at.0 as f64 * 1e-12 })
+            .collect(),
         boards: boards(&flight.reports),
         digest: flight.digest(),
         warnings,

@@ -8,6 +8,7 @@
 mod clear;
 mod digest;
 mod drone;
+mod flights;
 pub mod formation;
 mod input;
 mod island;
@@ -19,7 +20,7 @@ mod watch;
 pub use input::{InputError, MissionArea, MissionInput, Outcome, Progress, RunError, RunOptions};
 
 use crate::{
-    control::mission::{ControlCenter, MissionError, Stage},
+    control::mission::{ControlCenter, Happening, MissionError, OperatorEvent, Stage, plan::PlannedFleet},
     fleet::{BoardError, BoardReport, Hangar},
     geometry::V3,
     recording::{DroneRecord, EventRecord, PhaseRecord, TrackSample},
@@ -274,11 +275,17 @@ impl Flight {
         let due = (self.step / WINDOW_STEPS).is_multiple_of(FORMATION_WINDOWS);
         if due && self.control.stage() == Stage::Sweep && end_s > started {
             let positions_m = self.window_m.last().expect("a window has steps");
-            for (watch, fleet) in self.fleets.iter_mut().zip(&self.control.plan().fleets) {
-                let avoiding = fleet
-                    .mates
-                    .iter()
-                    .any(|id| self.control.conditions(*id) & Condition::Avoiding.bit() != 0);
+            let Self { fleets, control, islands, place_of, .. } = self;
+            let place_of = |id: DroneId| place_of[usize::from(id.0) - 1];
+            let is_lost = |id: &DroneId| {
+                let (island, member) = place_of(*id);
+                islands[island].drones[member].is_lost()
+            };
+            let whole = |fleet: &PlannedFleet| !fleet.mates.iter().any(is_lost);
+            let avoids = |id: &DroneId| control.conditions(*id) & Condition::Avoiding.bit() != 0;
+            // Two drones are no triangle: what they fly over is not covered.
+            for (watch, fleet) in fleets.iter_mut().zip(&control.plan().fleets).filter(|(_, it)| whole(it)) {
+                let avoiding = fleet.mates.iter().any(avoids);
                 watch.sweeping(end_s, fleet.mates.map(|id| positions_m[usize::from(id.0) - 1]), avoiding);
             }
         }
@@ -299,10 +306,14 @@ impl Flight {
 
     /// What drones reported, for the recording.
     fn events(&self) -> Vec<EventRecord> {
-        let text = |event: &crate::control::mission::OperatorEvent| EventRecord {
+        let text = |event: &OperatorEvent| EventRecord {
             t_s: event.time.0 as f64 * 1e-12,
             drone: Some(event.drone.0),
-            text: judge::event_text(event.code, event.value),
+            text: match event.what {
+                Happening::Said { code, value } => judge::event_text(code, value),
+                Happening::Lost => "lost: not heard any more".to_owned(),
+                Happening::HeardAgain => "heard again".to_owned(),
+            },
         };
         let mut events: Vec<EventRecord> = self.control.events().iter().map(text).collect();
         events.sort_by(|a, b| a.t_s.total_cmp(&b.t_s).then(a.drone.cmp(&b.drone)));

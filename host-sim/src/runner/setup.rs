@@ -3,7 +3,8 @@
 use super::{
     InputError, MissionInput, RunError,
     drone::{Drone, Parts},
-    formation::{self, Pads, slot_m},
+    flights::{Bases, Flights},
+    formation,
     island::{Island, Surroundings},
     space,
     watch::FleetWatch,
@@ -11,6 +12,7 @@ use super::{
 use crate::{
     control::{
         airspace::{self, Airspace},
+        assemble,
         localize::{ClockModel, LocalizeConfig},
         mission::plan::{MissionPlan, PlannedDrone, PlannedFleet},
         srs_schedule::SrsConfig,
@@ -44,7 +46,7 @@ use skyroost_protocol::{
     message::{Heading, MAX_WAYPOINTS},
     units::{DroneId, TimePs},
 };
-use std::f64::consts::{FRAC_PI_2, SQRT_2};
+use std::f64::consts::SQRT_2;
 
 /// Climb to the altitude of flight, metres a second.
 const CLIMB_MPS: f64 = 2.5;
@@ -74,12 +76,12 @@ impl Setup {
                     .map_err(InputError::from)?
             }
         };
-        let pads = Pads::new(scenario.fleet.base_m.map(V2::from), scenario.fleet.pad_pitch_m(), &region);
+        let bases = Bases::new(input, &obstacles, &region)?;
         let (altitude_m, clearance_m) = (scenario.fleet.altitude_m, scenario.obstacles.clearance_m);
         let flown = region.around(airspace::zones(&obstacles, altitude_m, clearance_m));
-        let sweep = sweep::plan(&flown, &request(scenario, &pads))
+        let sweep = sweep::plan(&flown, &request(scenario, &bases))
             .map_err(|source| InputError::Sweep { area: input.area.name.clone(), source })?;
-        let flights = Flights::new(scenario, &sweep, &pads);
+        let flights = Flights::new(scenario, &sweep, &bases);
         let airspace = space::airspace(input, obstacles, &flights)?;
         let walls_mm = space::walls(&airspace, &flights)?;
         let plan = mission_plan(scenario, flights, airspace, walls_mm);
@@ -94,7 +96,7 @@ impl Setup {
     }
 }
 
-fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
+fn request(scenario: &Scenario, bases: &Bases) -> SweepRequest {
     let fleet = &scenario.fleet;
     let fleets = scenario.fleets() as usize;
     SweepRequest {
@@ -110,7 +112,7 @@ fn request(scenario: &Scenario, pads: &Pads) -> SweepRequest {
         speed_mps: fleet.speed_mps,
         corner: formation::corners(fleet.speed_mps),
         margin_m: fleet.margin_m,
-        entry_m: Some((0..fleets).map(|f| pads.centre_m(f)).collect()),
+        entry_m: Some((0..fleets).map(|f| bases.centre_m(f)).collect()),
     }
 }
 
@@ -143,9 +145,12 @@ fn check_endurance(scenario: &Scenario, sweep: &SweepPlan, plan: &MissionPlan) -
     let low = f64::from(SupervisorConfig::default().battery_low_permille) * 1e-3;
     let usable_s =
         scenario.battery.endurance_s * (1.0 - battery.spread_fraction) * (1.0 - low) / battery.cruise_draw;
+    let assembly_s = plan.assembly.as_ref().map_or(0.0, |assembly| {
+        2.0 * assembly.height_m() / CLIMB_MPS + assembly.longest_m() / plan.speed_mps
+    });
     let needed_s = |sub: &SubArea| {
         let transit_m = plan.fleets[sub.fleet].transit_m();
-        plan.altitude_m / CLIMB_MPS + transit_m / plan.speed_mps + sub.duration_s
+        plan.altitude_m / CLIMB_MPS + assembly_s + transit_m / plan.speed_mps + sub.duration_s
     };
     let longest_s = sweep.sub_areas.iter().map(needed_s).fold(0.0, f64::max);
     if longest_s <= usable_s {
@@ -164,57 +169,6 @@ fn heading(scenario: &Scenario) -> Heading {
     }
 }
 
-/// Where slot 0 points: across the lanes; for a triangle that turns with the track, left of the track.
-fn orientation_rad(scenario: &Scenario, sweep: &SweepPlan) -> f64 {
-    match scenario.fleet.orientation {
-        Orientation::Fixed => formation::fixed_orientation_rad(sweep.direction_rad),
-        Orientation::AlongTrack => FRAC_PI_2,
-    }
-}
-
-/// Who flies which lanes, and from where.
-pub(super) struct Flights {
-    pub(super) drones: Vec<PlannedDrone>,
-    pub(super) fleets: Vec<PlannedFleet>,
-    orientation_rad: f64,
-}
-
-impl Flights {
-    fn new(scenario: &Scenario, sweep: &SweepPlan, pads: &Pads) -> Self {
-        let table = &scenario.fleet;
-        let orientation_rad = orientation_rad(scenario, sweep);
-        let fleets: Vec<PlannedFleet> = (0..scenario.fleets() as usize)
-            .map(|f| {
-                let mut waypoints_m = vec![pads.centre_m(f)];
-                let own = || sweep.sub_areas.iter().filter(move |s| s.fleet == f);
-                waypoints_m.extend(own().flat_map(|s| &s.approach_m));
-                let transit = waypoints_m.len();
-                waypoints_m.extend(own().flat_map(|s| &s.path_m));
-                let mates = [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16));
-                PlannedFleet { mates, waypoints_m, transit }
-            })
-            .collect();
-        let drones = (0..table.drones as usize).map(|index| {
-            let fleet = (index / 3 < fleets.len()).then_some((index / 3, (index % 3) as u8));
-            let pad = match fleet {
-                Some((f, slot)) => {
-                    let first_leg =
-                        fleets[f].waypoints_m.get(1).map_or(V2::x(), |next| next - pads.centre_m(f));
-                    let turned = match scenario.fleet.orientation {
-                        Orientation::Fixed => orientation_rad,
-                        Orientation::AlongTrack => orientation_rad + first_leg.y.atan2(first_leg.x),
-                    };
-                    pads.centre_m(f) + slot_m(turned, slot, table.spacing_m)
-                }
-                // Every reserve has a place of its own after the fleets.
-                None => pads.centre_m(fleets.len() + index - 3 * fleets.len()),
-            };
-            PlannedDrone { id: DroneId(index as u16 + 1), pad_m: pad.push(0.0), fleet }
-        });
-        Self { drones: drones.collect(), fleets, orientation_rad }
-    }
-}
-
 fn mission_plan(
     scenario: &Scenario,
     flights: Flights,
@@ -222,12 +176,15 @@ fn mission_plan(
     walls_mm: Vec<[i32; 2]>,
 ) -> MissionPlan {
     let table = &scenario.fleet;
-    let Flights { drones, fleets, orientation_rad } = flights;
+    let Flights { drones, fleets, assembled_m, orientation_rad } = flights;
     let gnss = gnss(scenario);
     let d_plan_m = table.d_safe_m + 2.0 * table.r_s_m + f64::from(TRACKING_M);
+    let assembly = (!assembled_m.is_empty())
+        .then(|| assemble::assembly(&airspace, &assembled_m, table.altitude_m, table.passing_m()));
     MissionPlan {
         drones,
         fleets,
+        assembly,
         airspace,
         walls_mm,
         spacing_m: table.spacing_m,
@@ -379,6 +336,7 @@ fn link_config(scenario: &Scenario) -> LinkConfig {
 
 fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result<Drone, BoardError> {
     let (seed, index) = (scenario.seed, u64::from(planned.id.0));
+    let number = u32::from(planned.id.0);
     let dt_s = f64::from(STEP_S);
     let wind = WindConfig {
         mean_mps: scenario.wind.mean_mps,
@@ -422,6 +380,7 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
             toa_sigma_ns: scenario.srs.sigma_toa_ns,
             error_radius_m: scenario.fleet.r_s_m,
             radius_m: scenario.fleet.radius_m,
+            lost_at_s: scenario.losses.iter().find(|loss| loss.drone == number).map(|loss| loss.at_s),
         },
     );
     Ok(drone)

@@ -1,15 +1,19 @@
 //! What a mission may hit and must not leave, and whether its plan does.
 
-use super::{MissionInput, RunError, setup::Flights};
+use super::{MissionInput, RunError, flights::Flights};
 use crate::{
     control::{
         airspace::{Airspace, border_distance_m, fence_around},
         area::Obstacle,
     },
     geometry::{V2, polygon::Polygon, region::Region},
+    scenario::Scenario,
 };
 use skyroost_firmware::avoid::TRACKING_M;
 use skyroost_protocol::message::MAX_WAYPOINTS;
+
+/// Fleets meet with so much more room around them than they take, metres: the corners of their lanes need some.
+const CORNERS_ROOM_M: f64 = 5.0;
 
 /// The area's no-fly zones and what the obstacles' file names.
 pub(super) fn obstacles(input: &MissionInput) -> Vec<Obstacle> {
@@ -31,6 +35,35 @@ pub(super) fn region(input: &MissionInput) -> Result<Region, RunError> {
     left.map_err(|error| RunError::Infeasible(format!("{}: {error}", input.area.name)))
 }
 
+/// Where fleets may meet: the airspace less the room of a triangle that turns, before any lane is planned.
+pub(super) fn room(
+    input: &MissionInput,
+    obstacles: &[Obstacle],
+    pads_m: &[V2],
+) -> Result<Airspace, RunError> {
+    let scenario = &input.scenario;
+    let clearance_m = scenario.obstacles.clearance_m;
+    let triangle_m = triangle_m(scenario);
+    let fence = match &input.fence {
+        Some(fence) => fence.clone(),
+        None => {
+            let planned: Vec<V2> =
+                input.area.region.outer_vertices_m().chain(pads_m.iter().copied()).collect();
+            let by_m = scenario.fence.margin_m + triangle_m + clearance_m;
+            fence_around(&planned, by_m).ok_or_else(|| too_narrow(clearance_m))?
+        }
+    };
+    let room_m = clearance_m + triangle_m + CORNERS_ROOM_M;
+    Airspace::new(obstacles.to_vec(), fence, scenario.fleet.altitude_m, room_m).ok_or_else(|| {
+        RunError::Infeasible(format!("the fence leaves no room for a triangle with {room_m:.1} m around it"))
+    })
+}
+
+/// From a fleet's centre to where any of its drones may be, metres.
+fn triangle_m(scenario: &Scenario) -> f64 {
+    scenario.fleet.spacing_m / 3f64.sqrt() + scenario.fleet.margin_m
+}
+
 /// The airspace with its fence, once all that is planned lies in it.
 pub(super) fn airspace(
     input: &MissionInput,
@@ -41,7 +74,7 @@ pub(super) fn airspace(
     let clearance_m = scenario.obstacles.clearance_m;
     let pads = || flights.drones.iter().map(|drone| drone.pad_m.xy());
     check_pads(&obstacles, flights, scenario.fleet.r_s_m + f64::from(TRACKING_M))?;
-    let triangle_m = scenario.fleet.spacing_m / 3f64.sqrt() + scenario.fleet.margin_m;
+    let triangle_m = triangle_m(scenario);
     let fence = match &input.fence {
         Some(fence) => fence.clone(),
         None => {
@@ -79,7 +112,7 @@ fn check_pads(obstacles: &[Obstacle], flights: &Flights, keep_m: f64) -> Result<
             |it: &&Obstacle| it.footprint.contains(pad_m) || border_distance_m(&it.footprint, pad_m) < keep_m;
         if let Some(obstacle) = obstacles.iter().find(near) {
             return Err(RunError::Infeasible(format!(
-                "the pad of drone {} at ({:.1} m, {:.1} m) is not {keep_m} m away from {}; another fleet.base_m \
+                "the pad of drone {} at ({:.1} m, {:.1} m) is not {keep_m} m away from {}; another place \
                  would do",
                 drone.id.0, pad_m.x, pad_m.y, obstacle.name
             )));

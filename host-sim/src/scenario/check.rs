@@ -24,6 +24,8 @@ const MAX_SHORT_M: f64 = 60.0;
 pub(super) fn check(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
     each_alone(scenario, source)?;
     formation(scenario, source)?;
+    pads(scenario, source)?;
+    losses(scenario, source)?;
     proportions(scenario, source)?;
     let Scenario { srs, users, fleet, .. } = scenario;
     require(srs.nlos_min_ns <= srs.nlos_max_ns, source, "srs.nlos_min_ns", srs.nlos_min_ns, || {
@@ -39,6 +41,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
     let Scenario {
         name,
         seed: _,
+        losses: _,
         area,
         obstacles,
         fence,
@@ -168,6 +171,55 @@ fn formation(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> 
     require(fleet.margin_m < inscribed_m, source, "fleet.margin_m", fleet.margin_m, || {
         format!("less than the radius of the disk inside the overlap, {inscribed_m:.3}")
     })
+}
+
+/// A pad of its own for each drone, so far apart that all can climb and descend beside each other.
+fn pads(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let field = "fleet.pads_m";
+    let fleet = &scenario.fleet;
+    let Some(pads_m) = &fleet.pads_m else { return Ok(()) };
+    require(pads_m.len() == fleet.drones as usize, source, field, format!("{} pads", pads_m.len()), || {
+        format!("{}, one for each drone", fleet.drones)
+    })?;
+    for &coordinate_m in pads_m.iter().flatten() {
+        in_bounds(source, field, coordinate_m, -MAX_LENGTH_M..=MAX_LENGTH_M)?;
+    }
+    let least_m = fleet.passing_m();
+    let why = "fleet.d_safe_m + 2 fleet.r_s_m + 3";
+    let drones = || (1..).zip(pads_m);
+    let pairs = drones().flat_map(|a| drones().skip(a.0).map(move |b| (a, b)));
+    let apart_m = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let too_near = pairs.map(|((a, at), (b, by))| (apart_m(at, by), a, b)).filter(|(m, ..)| *m < least_m);
+    if let Some((found_m, a, b)) = too_near.min_by(|one, other| one.0.total_cmp(&other.0)) {
+        let found = format!("the pads of drones {a} and {b} at {found_m:.3} m from each other");
+        return require(false, source, field, found, || format!("at least {why} = {least_m}"));
+    }
+    // Above their pads drones fly over others, and at the end side by side.
+    for (field, value) in [("fleet.altitude_m", fleet.altitude_m), ("fleet.spacing_m", fleet.spacing_m)] {
+        require(value >= least_m, source, field, value, || {
+            format!("at least {why} = {least_m} where fleet.pads_m is stated")
+        })?;
+    }
+    Ok(())
+}
+
+/// Drones that exist, each lost at one time.
+fn losses(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let (field, drones) = ("losses", scenario.fleet.drones);
+    for (index, loss) in scenario.losses.iter().enumerate() {
+        require((1..=drones).contains(&loss.drone), source, field, format!("drone {}", loss.drone), || {
+            format!("drone 1 to {drones} (fleet.drones)")
+        })?;
+        let found = format!("at_s = {} of drone {}", loss.at_s, loss.drone);
+        require((0.0..=MAX_TIME_S).contains(&loss.at_s), source, field, found, || {
+            format!("a number from 0 to {MAX_TIME_S}")
+        })?;
+        let twice = scenario.losses[..index].iter().any(|before| before.drone == loss.drone);
+        require(!twice, source, field, format!("drone {} twice", loss.drone), || {
+            "each drone lost once".to_owned()
+        })?;
+    }
+    Ok(())
 }
 
 /// One positive share for each fleet, summing to 1.

@@ -19,7 +19,8 @@ pub use error::{Place, ScenarioError};
 pub use source::Source;
 pub use tables::{
     AreaTable, BatteryTable, ClockTable, FenceTable, FleetTable, GnssMode, GnssTable, LimitsTable, LinkTable,
-    MissionTable, ObstaclesTable, Orientation, Scenario, SplitMode, SrsTable, UsersTable, WindTable,
+    LossTable, MissionTable, ObstaclesTable, Orientation, Scenario, SplitMode, SrsTable, UsersTable,
+    WindTable,
 };
 
 use std::path::{Path, PathBuf};
@@ -73,6 +74,7 @@ impl LoadedScenario {
         let mut scenario: Scenario =
             toml::from_str(text).map_err(|error| source.explain(&error, ScenarioError::from_toml))?;
         source.refuse_pair("area.file", &["area.width_m", "area.height_m"])?;
+        source.refuse_pair("fleet.pads_m", &["fleet.base_m", "fleet.pad_spacing_m"])?;
         source.refuse_pair("fence.file", &["fence.margin_m"])?;
         source.refuse_pair("users.file", &["users.density_per_km2"])?;
         let Scenario { area, obstacles, fence, users, .. } = &mut scenario;

@@ -12,6 +12,8 @@ pub struct Scenario {
     pub name: String,
     /// Seed of every random choice.
     pub seed: u64,
+    /// Drones that break down.
+    pub losses: Vec<LossTable>,
     /// The area to sweep.
     pub area: AreaTable,
     /// What drones must not hit.
@@ -45,6 +47,7 @@ impl Default for Scenario {
         Self {
             name: "paper".to_owned(),
             seed: 1,
+            losses: Vec::new(),
             area: AreaTable::default(),
             obstacles: ObstaclesTable::default(),
             fence: FenceTable::default(),
@@ -75,6 +78,16 @@ impl Scenario {
     pub const fn reserves(&self) -> u32 {
         self.fleet.drones % 3
     }
+}
+
+/// A drone that breaks down: its board goes dead, its motors stop, its links say nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossTable {
+    /// Number of the drone, from 1.
+    pub drone: u32,
+    /// Simulated time from the start.
+    pub at_s: f64,
 }
 
 /// The area: a file, or a rectangle whose south-west corner is the local origin.
@@ -127,6 +140,9 @@ impl Default for FenceTable {
     }
 }
 
+/// What avoidance plans with beyond the separation and both error radii (`firmware::avoid`), metres.
+const PASSING_ROOM_M: f64 = 3.0;
+
 /// The drones and how they fly.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -153,6 +169,9 @@ pub struct FleetTable {
     /// Distance between the places where neighbouring fleets, or reserves, take off, each fleet in its
     /// triangle; three times `spacing_m` without it.
     pub pad_spacing_m: Option<f64>,
+    /// East and north of each drone's own pad, instead of `base_m` and `pad_spacing_m`: the drones of a fleet (the
+    /// first three, the next three and so on) may stand anywhere, and fly into formation before the sweep.
+    pub pads_m: Option<Vec<[f64; 2]>>,
     /// Separation that is never to be broken (the paper's `d_safe`).
     pub d_safe_m: f64,
     /// Error radius of a shared position (the paper's `r_s`).
@@ -178,6 +197,7 @@ impl Default for FleetTable {
             split: SplitMode::Auto,
             base_m: None,
             pad_spacing_m: None,
+            pads_m: None,
             d_safe_m: 10.0,
             r_s_m: 2.0,
             max_accel_mps2: 3.0,
@@ -192,6 +212,12 @@ impl FleetTable {
     #[must_use]
     pub fn pad_pitch_m(&self) -> f64 {
         self.pad_spacing_m.unwrap_or(3.0 * self.spacing_m)
+    }
+
+    /// The distance that avoidance plans to pass others with, metres: drones that are farther apart do not give way.
+    #[must_use]
+    pub fn passing_m(&self) -> f64 {
+        self.d_safe_m + 2.0 * self.r_s_m + PASSING_ROOM_M
     }
 }
 

@@ -4,11 +4,11 @@
 use skyroost_protocol::{
     codec::{MAX_FRAME, Sender},
     message::{
-        AckStatus, Command, Down, FlightPhase, LanePiece, MAX_LANE_PIECE, MissionHeader, SharedState,
-        Telemetry, lanes_crc,
+        AckStatus, Command, Down, EventCode, FlightPhase, LanePiece, MAX_LANE_PIECE, MissionHeader,
+        SharedState, Telemetry, Up, lanes_crc,
     },
     session::Receiver,
-    units::{CommandId, DroneId, TimePs},
+    units::{CommandId, DroneId, TimePs, VelEnuMmps},
 };
 use std::collections::VecDeque;
 
@@ -64,6 +64,12 @@ pub struct DroneLink {
     pub state: Option<SharedState>,
     /// Its last telemetry.
     pub telemetry: Option<Telemetry>,
+    /// Since when it counts as lost.
+    pub lost: Option<TimePs>,
+    /// When its last frame came.
+    heard: TimePs,
+    /// Whether it is in the air, and when it said so.
+    in_the_air: (TimePs, bool),
     sender: Sender,
     receiver: Receiver,
     queue: VecDeque<Command>,
@@ -83,6 +89,9 @@ impl DroneLink {
             connected: false,
             state: None,
             telemetry: None,
+            lost: None,
+            heard: TimePs(0),
+            in_the_air: (TimePs(0), false),
             sender: Sender::new(DroneId::CONTROL, 1),
             receiver: Receiver::default(),
             queue: VecDeque::new(),
@@ -96,6 +105,40 @@ impl DroneLink {
     /// Sequence window of the frames it sends.
     pub fn receiver(&mut self) -> &mut Receiver {
         &mut self.receiver
+    }
+
+    /// A frame came at `now`.
+    pub fn hears(&mut self, now: TimePs, message: &Up) {
+        self.heard = now;
+        let said = match message {
+            // States are shared in the air only.
+            Up::SharedState(state) => Some((state.time, true)),
+            Up::Telemetry(telemetry) => Some((telemetry.time, telemetry.phase != FlightPhase::Grounded)),
+            Up::Event { code: EventCode::PhaseEntered, time, value } => {
+                Some((*time, *value != FlightPhase::Grounded as u32))
+            }
+            _ => None,
+        };
+        let Some((time, in_the_air)) = said.filter(|said| said.0 >= self.in_the_air.0) else { return };
+        self.in_the_air = (time, in_the_air);
+        // On the ground nothing is shared, but where it stands is known: else others would keep out of the way of a
+        // silent neighbour that may be anywhere, and never land beside it.
+        if let Some(state) = self.state.as_mut().filter(|state| !in_the_air && state.time < time) {
+            state.time = time;
+            state.vel = VelEnuMmps([0; 3]);
+        }
+    }
+
+    /// When its last frame came.
+    #[must_use]
+    pub fn heard(&self) -> TimePs {
+        self.heard
+    }
+
+    /// Whether it is in the air by its own last word.
+    #[must_use]
+    pub fn in_the_air(&self) -> bool {
+        self.in_the_air.1
     }
 
     /// Phase of flight by telemetry that knows of every command given and is not stale; none while a
@@ -191,7 +234,8 @@ impl DroneLink {
             && now.since(under_way.sent) >= REPEAT_AFTER
         {
             under_way.sent = now;
-            under_way.repeats += 1;
+            // A drone in the air that is silent is lost, which does not end the mission.
+            under_way.repeats += u32::from(self.lost.is_none());
             if under_way.repeats > MOST_REPEATS {
                 return Err(DroneFailure::Unreachable { drone: self.id, command: name(&under_way.command) });
             }

@@ -1,13 +1,15 @@
 //! The control center as a state machine: frames in, frames out, no clock and no world of its own.
 //!
-//! Connect, upload, take off, sweep, locate, place, deploy, refine, serve. Whatever is commanded is repeated
+//! Connect, upload, take off, assemble, sweep, locate, place, deploy, refine, serve. Whatever is commanded is repeated
 //! until acknowledged ([`drone`]); measurements are not repeated, as the next occasion is a second away.
 
+mod assembly;
 pub mod drone;
 mod goals;
 pub mod plan;
 mod refine;
 mod stages;
+mod watch;
 
 use crate::{
     control::{
@@ -20,6 +22,7 @@ use crate::{
     },
     geometry::{V2, V3},
 };
+use assembly::Assembling;
 use drone::{DroneFailure, DroneLink};
 pub use goals::GoalConflict;
 use plan::MissionPlan;
@@ -27,10 +30,11 @@ use refine::Refinement;
 use skyroost_protocol::{
     MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
-    message::{Down, EventCode, FlightPhase, MateTdoa, PeerState, TdoaCounts, TdoaEntry, TdoaFlags, Up},
+    message::{Down, FlightPhase, MateTdoa, PeerState, TdoaCounts, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId},
 };
 use thiserror::Error;
+pub use watch::{Happening, OperatorEvent};
 
 /// Neighbours whose state is relayed to each drone.
 pub const RELAYED_NEIGHBOURS: usize = 32;
@@ -53,6 +57,8 @@ pub enum Stage {
     Upload,
     /// Waiting until all fleets hold above their pads.
     TakeOff,
+    /// Flying from the pads into formation.
+    Assemble,
     /// Flying the lanes and collecting arrival times.
     Sweep,
     /// Taking in the last reports before users are located.
@@ -73,6 +79,7 @@ impl Stage {
             Self::Connect => "connect",
             Self::Upload => "upload",
             Self::TakeOff => "take off",
+            Self::Assemble => "assemble",
             Self::Sweep => "sweep",
             Self::Collect => "locate and place",
             Self::Deploy => "deploy",
@@ -113,6 +120,9 @@ pub enum MissionError {
         /// Its supervisor's conditions, one bit each.
         conditions: u16,
     },
+    /// Nobody is left to go on with.
+    #[error("every drone is lost")]
+    NobodyLeft,
     /// A stage took longer than it can.
     #[error("stage '{stage}' did not end within {limit_s} s: {waiting}")]
     Stuck {
@@ -149,19 +159,6 @@ pub struct ControlCounters {
     pub tdoa_saturated: u64,
     /// Differences that no place of the user explains: a capture behind each was left out as late.
     pub tdoa_gated: u64,
-}
-
-/// Something the operator should know.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct OperatorEvent {
-    /// When, by the drone's word.
-    pub time: TimePs,
-    /// Who said so.
-    pub drone: DroneId,
-    /// What.
-    pub code: EventCode,
-    /// Its value.
-    pub value: u32,
 }
 
 /// What a drone is for in the second stage.
@@ -202,6 +199,7 @@ pub struct ControlCenter {
     neighbours_due: TimePs,
     relay_positions: Vec<V3>,
     relay_drones: Vec<usize>,
+    assembling: Assembling,
     sweep_started: Option<TimePs>,
     localization: Localization,
     placement: Option<Placement>,
@@ -239,6 +237,7 @@ impl ControlCenter {
             neighbours_due: TimePs(0),
             relay_positions: Vec::new(),
             relay_drones: Vec::new(),
+            assembling: Assembling::default(),
             sweep_started: None,
             localization: Localization::default(),
             placement: None,
@@ -303,13 +302,7 @@ impl ControlCenter {
         self.placement.as_ref()
     }
 
-    /// Who was sent where.
-    #[must_use]
-    pub fn targets(&self) -> &[Target] {
-        &self.targets
-    }
-
-    /// Events that drones reported, in order of arrival.
+    /// Events that drones reported and that were noticed here, in order of arrival.
     #[must_use]
     pub fn events(&self) -> &[OperatorEvent] {
         &self.events
@@ -354,6 +347,7 @@ impl ControlCenter {
             self.counters.frames_repeated += 1;
             return Ok(());
         }
+        drone.hears(now, &message);
         match message {
             Up::Hello { version_min, version_max, schema_hash, .. } => {
                 let version = PROTOCOL_VERSION.min(version_max);
@@ -386,7 +380,7 @@ impl ControlCenter {
             }
             Up::Tdoa(entries) => entries.iter().for_each(|entry| self.measured(from, entry)),
             Up::Event { code, time, value } => {
-                self.events.push(OperatorEvent { time, drone: from, code, value });
+                self.events.push(OperatorEvent { time, drone: from, what: Happening::Said { code, value } });
             }
         }
         Ok(())
@@ -397,6 +391,7 @@ impl ControlCenter {
     /// # Errors
     /// When the mission cannot go on.
     pub fn step(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), MissionError> {
+        self.watch(now);
         for drone in &mut self.drones {
             drone.step(now, send)?;
         }

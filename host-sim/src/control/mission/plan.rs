@@ -1,7 +1,7 @@
 //! What the control center is told before a mission: who flies, from where, along which lanes.
 
 use crate::{
-    control::{airspace::Airspace, localize::LocalizeConfig, srs_schedule::SrsConfig},
+    control::{airspace::Airspace, assemble::Assembly, localize::LocalizeConfig, srs_schedule::SrsConfig},
     geometry::{V2, V3},
 };
 use skyroost_protocol::{
@@ -16,6 +16,8 @@ pub struct MissionPlan {
     pub drones: Vec<PlannedDrone>,
     /// The fleets with their lanes.
     pub fleets: Vec<PlannedFleet>,
+    /// How the fleets get into formation; none where they stand in it on the ground.
+    pub assembly: Option<Assembly>,
     /// Where drones may be, and the ways there.
     pub airspace: Airspace,
     /// The walls that every drone holds, as waypoints of its mission.
@@ -66,12 +68,12 @@ pub struct PlannedFleet {
     pub mates: [DroneId; 3],
     /// Lanes of the triangle's centre, transit included.
     pub waypoints_m: Vec<V2>,
-    /// Waypoints before the first lane: its pad, and corners on the way around no-fly zones.
+    /// Waypoints before the first lane: where it begins in formation, and corners on the way around no-fly zones.
     pub transit: usize,
 }
 
 impl PlannedFleet {
-    /// Way from the pad to the first lane, metres.
+    /// Way in formation to the first lane, metres.
     #[must_use]
     pub fn transit_m(&self) -> f64 {
         let to_lane = self.waypoints_m.get(..=self.transit).unwrap_or(&self.waypoints_m);

@@ -2,6 +2,7 @@
 
 use super::{
     ControlCenter, MissionError, Stage, Station, Target,
+    assembly::place_at,
     drone::DroneLink,
     goals::{GoalConflict, conflict},
     pos_m,
@@ -34,11 +35,19 @@ impl ControlCenter {
         let next = match self.stage {
             Stage::Connect => self.drones.iter().all(|d| d.connected).then_some(Stage::Upload),
             Stage::Upload => self.drones.iter().all(DroneLink::idle).then_some(Stage::TakeOff),
-            Stage::TakeOff => self.fleets_in(FlightPhase::Hold, now).then_some(Stage::Sweep),
+            Stage::TakeOff => {
+                // Fleets that stand in formation take off in it.
+                let next = if self.plan.assembly.is_some() { Stage::Assemble } else { Stage::Sweep };
+                self.fleets_in(FlightPhase::Hold, now).then_some(next)
+            }
+            Stage::Assemble => {
+                self.check_sweepers(now)?;
+                self.assembled(now).then_some(Stage::Sweep)
+            }
             Stage::Sweep => {
                 self.check_sweepers(now)?;
                 let started = self.sweep_started.is_some_and(|start| now > start);
-                (started && self.fleets_in(FlightPhase::Hold, now)).then_some(Stage::Collect)
+                (started && self.swept(now)).then_some(Stage::Collect)
             }
             Stage::Collect => (now.since(self.stage_since) >= COLLECT_FOR).then_some(Stage::Deploy),
             Stage::Deploy => {
@@ -58,7 +67,7 @@ impl ControlCenter {
         self.stage = stage;
         self.stage_since = now;
         match stage {
-            Stage::Connect | Stage::Collect | Stage::Serve => {}
+            Stage::Connect | Stage::Assemble | Stage::Collect | Stage::Serve => {}
             Stage::Upload => self.upload(),
             Stage::TakeOff => self.command_fleets(&Command::TakeOff),
             Stage::Sweep => {
@@ -80,6 +89,11 @@ impl ControlCenter {
             Stage::Serve => return Ok(()),
             Stage::Connect | Stage::Upload | Stage::Collect => 120.0,
             Stage::TakeOff => 120.0 + climb_s,
+            Stage::Assemble => {
+                self.plan.assembly.as_ref().map_or(0.0, |assembly| {
+                    600.0 + 2.0 * assembly.height_m() + flight_s(assembly.longest_m())
+                })
+            }
             Stage::Sweep => {
                 let longest = self.plan.fleets.iter().map(|f| length_m(&f.waypoints_m)).fold(0.0, f64::max);
                 600.0 + flight_s(longest)
@@ -98,22 +112,22 @@ impl ControlCenter {
         Err(MissionError::Stuck { stage: self.stage.name(), limit_s, waiting: waiting.join(", ") })
     }
 
-    /// Links of the drones in fleets.
-    fn members(&self) -> impl Iterator<Item = &DroneLink> {
-        let drones = self.plan.drones.iter().zip(&self.drones);
-        drones.filter(|(planned, _)| planned.fleet.is_some()).map(|(_, link)| link)
-    }
-
-    /// Whether every drone of a fleet has done what it was told and says that it is in `phase` now.
+    /// Whether every drone of a fleet has done what it was told and says that it is in `phase` now; lost ones do not
+    /// count.
     fn fleets_in(&self, phase: FlightPhase, now: TimePs) -> bool {
         self.members().all(|link| link.phase(now) == Some(phase))
+    }
+
+    /// Whether nobody sweeps any more: all hold, but for drones that were lost when the lanes began.
+    fn swept(&self, now: TimePs) -> bool {
+        self.members().all(|link| link.phase(now).is_some_and(|phase| phase != FlightPhase::Sweep))
     }
 
     /// A drone that turned home on its own ends the mission: its fleet cannot locate anybody.
     fn check_sweepers(&self, now: TimePs) -> Result<(), MissionError> {
         for link in self.members() {
             if let (Some(phase), Some(telemetry)) = (link.phase(now), link.telemetry)
-                && !matches!(phase, FlightPhase::Hold | FlightPhase::Sweep)
+                && matches!(phase, FlightPhase::ReturnHome | FlightPhase::Landing | FlightPhase::Grounded)
             {
                 let conditions = telemetry.conditions;
                 return Err(MissionError::LeftSweep { drone: link.id.0, phase, conditions });
@@ -124,7 +138,7 @@ impl ControlCenter {
 
     fn command_fleets(&mut self, command: &Command) {
         for (planned, link) in self.plan.drones.iter().zip(&mut self.drones) {
-            if planned.fleet.is_some() {
+            if planned.fleet.is_some() && link.lost.is_none() {
                 link.command(command.clone());
             }
         }
@@ -165,7 +179,11 @@ impl ControlCenter {
     fn locate_and_place(&mut self) -> Result<(), MissionError> {
         self.localization = localize(&self.occasions, &self.plan.localize)?;
         let beliefs: Vec<UserBelief> = self.beliefs().map(|(_, belief)| belief).collect();
-        let fleet = Fleet { drones: self.drones.len(), min_separation_m: self.plan.min_goal_distance_m };
+        let drones = self.living().len();
+        if drones == 0 {
+            return Err(MissionError::NobodyLeft);
+        }
+        let fleet = Fleet { drones, min_separation_m: self.plan.min_goal_distance_m };
         let placement = place_expected(&beliefs, self.plan.radius_m, fleet)?;
         self.targets = self.assign_targets(&placement);
         self.check_goals()?;
@@ -183,7 +201,8 @@ impl ControlCenter {
 
     /// Which drone flies where, so that the longest flight is the shortest possible.
     fn assign_targets(&self, placement: &crate::control::place::Placement) -> Vec<Target> {
-        let from: Vec<V2> = (0..self.drones.len()).map(|d| self.drone_pos_m(d)).collect();
+        let living = self.living();
+        let from: Vec<V2> = living.iter().map(|&d| self.drone_pos_m(d)).collect();
         let planned = placement.sites.iter().enumerate();
         let planned = planned.filter_map(|(index, site)| Some((index, site.as_ref()?.pos_m)));
         let (indices, asked_m): (Vec<usize>, Vec<V2>) = planned.unzip();
@@ -193,11 +212,12 @@ impl ControlCenter {
             indices.into_iter().zip(settled).filter_map(|(index, at)| Some((index, at?))).collect();
         let goals: Vec<V2> = sites.iter().map(|(_, pos_m)| *pos_m).collect();
         let chosen = assign(&from, &goals);
-        let station_of = |drone: usize| {
-            let (site, pos_m) = sites[chosen.iter().position(|&d| d == drone)?];
+        let station_of = |place: usize| {
+            let (site, pos_m) = sites[chosen.iter().position(|&d| d == place)?];
             Some(Station { site, pos_m })
         };
-        (0..self.drones.len()).map(|drone| Target { drone, station: station_of(drone) }).collect()
+        let targets = living.iter().enumerate();
+        targets.map(|(place, &drone)| Target { drone, station: station_of(place) }).collect()
     }
 
     /// Refuses goals that cannot all be held.
@@ -221,7 +241,7 @@ impl ControlCenter {
     /// first.
     fn send_off(&mut self, now: TimePs) {
         let plan = &self.plan;
-        for target in &self.targets {
+        for target in &self.targets() {
             let from_m = self.drone_pos_m(target.drone);
             let (drone, leg) = (&mut self.drones[target.drone], &mut self.legs[target.drone]);
             let goal_m = target.station.map_or(plan.drones[target.drone].pad_m.xy(), |station| station.pos_m);
@@ -249,7 +269,7 @@ impl ControlCenter {
     }
 
     fn deployed(&self, now: TimePs) -> bool {
-        self.targets.iter().all(|target| {
+        self.targets().iter().all(|target| {
             let phase = self.drones[target.drone].phase(now);
             match target.station {
                 Some(station) => {
@@ -266,6 +286,7 @@ impl ControlCenter {
     }
 
     fn begin_refining(&mut self, now: TimePs) {
+        self.targets = self.targets();
         let sites_m: Vec<V2> = self.stations().map(|(_, pos_m)| pos_m).collect();
         let plan = &self.plan;
         let refinement =
@@ -286,6 +307,7 @@ impl ControlCenter {
     fn refined(&mut self, now: TimePs) -> Result<bool, GoalConflict> {
         let Some(mut refinement) = self.refinement.take() else { return Ok(true) };
         let seen = |(drone, _): (usize, V2)| match self.drones[drone].phase(now) {
+            _ if self.drones[drone].lost.is_some() => Seen::Left,
             Some(FlightPhase::Serve) => Seen::Serving(self.drone_pos_m(drone)),
             Some(FlightPhase::GoTo) | None => Seen::UnderWay,
             Some(_) => Seen::Left,
@@ -306,12 +328,6 @@ impl ControlCenter {
         self.check_goals()?;
         Ok(done)
     }
-}
-
-/// The command to serve from there.
-fn place_at(pos_m: V2, altitude_m: f64) -> Command {
-    let [x, y, z] = [pos_m.x, pos_m.y, altitude_m].map(|m| (m * 1e3).round() as i32);
-    Command::Place { target: PosEnuMm([x, y, z]) }
 }
 
 /// Length of a polyline, metres.

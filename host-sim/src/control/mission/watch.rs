@@ -1,0 +1,220 @@
+//! Who has fallen silent: a drone in the air is heard ten times a second, so that silence is told within two seconds.
+//!
+//! A lost drone is waited for no more and gets no goal; what it was told before is still repeated, as it may hear.
+//! The others fly on: slots follow the lanes and nobody leads.
+
+use super::{ControlCenter, Target, drone::DroneLink};
+use skyroost_protocol::{
+    message::EventCode,
+    units::{DroneId, TimePs},
+};
+
+/// A drone in the air that says nothing for this long is lost: fifteen shared states, and the radio's delay on top
+/// still leaves it within two seconds.
+const SILENT_FOR: TimePs = TimePs::from_ms(1_500);
+/// Where states are shared more seldom, silence is as many of their periods; telemetry comes once a second.
+const SILENT_PERIODS: i64 = 3;
+/// No drone in the air is silent for longer than between two of its telemetries, three of which may be lost.
+const MOST_SILENT_FOR: TimePs = TimePs::from_ms(3_500);
+
+/// Something the operator should know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OperatorEvent {
+    /// When: by the drone's word, or when the control center noticed.
+    pub time: TimePs,
+    /// Who said so, or of whom it is said.
+    pub drone: DroneId,
+    /// What.
+    pub what: Happening,
+}
+
+/// What an [`OperatorEvent`] tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Happening {
+    /// The drone said so.
+    Said {
+        /// What.
+        code: EventCode,
+        /// Its value.
+        value: u32,
+    },
+    /// The drone is in the air and says nothing any more.
+    Lost,
+    /// A lost drone was heard again.
+    HeardAgain,
+}
+
+impl ControlCenter {
+    /// Notes who fell silent in the air and who was heard again.
+    pub(super) fn watch(&mut self, now: TimePs) {
+        let periods = TimePs(self.plan.relay_period.0.saturating_mul(SILENT_PERIODS));
+        let silent_for = periods.max(SILENT_FOR).min(MOST_SILENT_FOR);
+        for drone in &mut self.drones {
+            let silent = drone.in_the_air() && now.since(drone.heard()) >= silent_for;
+            let what = match (silent, drone.lost) {
+                (true, None) => Happening::Lost,
+                (false, Some(_)) => Happening::HeardAgain,
+                _ => continue,
+            };
+            drone.lost = silent.then_some(now);
+            self.events.push(OperatorEvent { time: now, drone: drone.id, what });
+        }
+    }
+
+    /// Drones that are lost now, and since when.
+    pub fn lost(&self) -> impl Iterator<Item = (DroneId, TimePs)> {
+        self.drones.iter().filter_map(|drone| Some((drone.id, drone.lost?)))
+    }
+
+    /// Indices of the drones that are not lost.
+    pub(super) fn living(&self) -> Vec<usize> {
+        let drones = self.drones.iter().enumerate();
+        drones.filter(|(_, drone)| drone.lost.is_none()).map(|(index, _)| index).collect()
+    }
+
+    /// Links of the drones in fleets, those that are lost left out.
+    pub(super) fn members(&self) -> impl Iterator<Item = &DroneLink> {
+        let drones = self.plan.drones.iter().zip(&self.drones);
+        let members = drones.filter(|(planned, _)| planned.fleet.is_some()).map(|(_, link)| link);
+        members.filter(|link| link.lost.is_none())
+    }
+
+    /// Who was sent where, of those that are not lost.
+    #[must_use]
+    pub fn targets(&self) -> Vec<Target> {
+        self.targets.iter().filter(|target| self.drones[target.drone].lost.is_none()).copied().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        control::{
+            airspace::Airspace,
+            localize::LocalizeConfig,
+            mission::plan::{MissionPlan, PlannedDrone},
+            srs_schedule::SrsConfig,
+        },
+        geometry::{V2, V3, polygon::Polygon},
+    };
+    use skyroost_protocol::{
+        codec::{MAX_FRAME, Sender},
+        message::{FlightPhase, Heading, Manner, SharedState, Up, Vertical},
+        units::{PosEnuMm, VelEnuMmps},
+    };
+
+    /// A control center of one drone, in the simplest of worlds.
+    fn control(relay_ms: i64) -> ControlCenter {
+        let corners = [[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]].map(V2::from);
+        ControlCenter::new(MissionPlan {
+            drones: vec![PlannedDrone { id: DroneId(1), pad_m: V3::zeros(), fleet: None }],
+            fleets: vec![],
+            assembly: None,
+            airspace: Airspace::new(vec![], Polygon::new(&corners).unwrap(), 100.0, 10.0).unwrap(),
+            walls_mm: vec![],
+            spacing_m: 50.0,
+            heading: Heading::Fixed,
+            orientation_rad: 0.0,
+            speed_mps: 10.0,
+            altitude_m: 100.0,
+            radius_m: 500.0,
+            d_safe_m: 10.0,
+            d_plan_m: 14.5,
+            min_goal_distance_m: 15.0,
+            vertical: Vertical::default(),
+            srs: SrsConfig::default(),
+            localize: LocalizeConfig::default(),
+            relay_period: TimePs::from_ms(relay_ms),
+        })
+    }
+
+    fn at(ms: i64) -> TimePs {
+        TimePs::from_ms(ms)
+    }
+
+    struct Drone {
+        sender: Sender,
+    }
+
+    impl Drone {
+        fn says(&mut self, control: &mut ControlCenter, ms: i64, message: &Up) {
+            let mut frame = [0; MAX_FRAME];
+            let length = self.sender.encode_into(message, &mut frame).unwrap();
+            control.receive(at(ms), DroneId(1), &frame[..length], &mut |_, _| {}).unwrap();
+        }
+
+        fn flies(&mut self, control: &mut ControlCenter, ms: i64) {
+            let (pos, vel) = (PosEnuMm([0, 0, 100_000]), VelEnuMmps([0; 3]));
+            self.says(
+                control,
+                ms,
+                &Up::SharedState(SharedState {
+                    time: at(ms),
+                    pos,
+                    vel,
+                    error_radius_mm: 0,
+                    manner: Manner::ALONE,
+                }),
+            );
+        }
+    }
+
+    /// When it was lost and heard again, milliseconds, if all it says is `said` at the time it stands at.
+    fn told(
+        control: &mut ControlCenter,
+        until_ms: i64,
+        mut said: impl FnMut(&mut ControlCenter, i64),
+    ) -> Vec<(i64, Happening)> {
+        for ms in (0..until_ms).step_by(20) {
+            said(control, ms);
+            control.watch(at(ms));
+        }
+        let noticed = control.events().iter().filter(|event| !matches!(event.what, Happening::Said { .. }));
+        noticed.map(|event| (event.time.0 / at(1).0, event.what)).collect()
+    }
+
+    fn drone() -> Drone {
+        Drone { sender: Sender::new(DroneId(1), 1) }
+    }
+
+    #[test]
+    fn silence_in_the_air_is_told_within_two_seconds_and_so_is_its_end() {
+        let (mut control, mut drone) = (control(100), drone());
+        let events = told(&mut control, 9_000, |control, ms| {
+            if ms % 100 == 0 && !(4_000..7_000).contains(&ms) {
+                drone.flies(control, ms);
+            }
+        });
+        assert_eq!(events, [(5_400, Happening::Lost), (7_000, Happening::HeardAgain)]);
+        assert_eq!(control.lost().count(), 0);
+    }
+
+    #[test]
+    fn silence_on_the_ground_is_nobodys_business() {
+        let (mut control, mut drone) = (control(100), drone());
+        let events = told(&mut control, 9_000, |control, ms| match ms {
+            0..3_000 if ms % 100 == 0 => drone.flies(control, ms),
+            3_000 => {
+                let (code, value) = (EventCode::PhaseEntered, FlightPhase::Grounded as u32);
+                drone.says(control, ms, &Up::Event { code, time: at(ms), value });
+            }
+            _ => {}
+        });
+        assert_eq!(events, []);
+        // Others hear that it stands there.
+        assert_eq!(control.drones[0].state.map(|state| state.time), Some(at(3_000)));
+    }
+
+    #[test]
+    fn where_states_are_seldom_silence_takes_longer() {
+        let (mut control, mut drone) = (control(1_000), drone());
+        let events = told(&mut control, 9_000, |control, ms| {
+            if ms % 1_000 == 0 && ms < 5_000 {
+                drone.flies(control, ms);
+            }
+        });
+        assert_eq!(events, [(7_000, Happening::Lost)]);
+        assert_eq!(control.lost().map(|(id, _)| id).collect::<Vec<_>>(), [DroneId(1)]);
+    }
+}
