@@ -73,6 +73,8 @@ fn fly_seeds(seeds: RangeInclusive<u64>) {
             ("min_separation_m", flown.number("/safety/min_separation_m"), 10.0, f64::INFINITY),
             ("formation_error_rms_m", flown.number("/safety/formation_error_rms_m"), 0.0, 1.0),
             ("formation_error_max_m", flown.number("/safety/formation_error_max_m"), 0.0, 5.0),
+            // What the formation error leaves out, of all fleets together: two of them may have to pass each other.
+            ("manoeuvres_s", flown.number("/safety/manoeuvres_s"), 0.0, 60.0),
             ("coverage_fraction", flown.number("/sweep/coverage_fraction"), 1.0 - 1e-9, 1.0),
             ("lost", flown.json["lost"].as_array().map_or(f64::NAN, |lost| lost.len() as f64), 0.0, 0.0),
         ];
