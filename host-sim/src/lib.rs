@@ -2,9 +2,10 @@
 //! flight code of `skyroost-firmware` fly whole missions between the two.
 //!
 //! Rooms and their imports (one way only): `geometry` <- `control`; `world` knows the flight code and
-//! the protocol but never `control`; `runner` ties the two together; `report` and `cli` sit on top.
+//! the protocol but never `control`; `runner` ties the two together; `campaign` runs many; `report` and `cli` sit on top.
 #![forbid(unsafe_code)]
 
+pub mod campaign;
 pub mod cli;
 pub mod control;
 pub mod encounter;

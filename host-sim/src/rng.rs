@@ -44,6 +44,12 @@ pub enum Stream {
     Search = 13,
     /// Pulses per second of the navigation receivers; index = drone.
     Pps = 14,
+    /// Errors of users who are located with an error that is declared, not flown for; index = run of a campaign.
+    Declared = 15,
+    /// Errors of users who are located as well as a formation can; index = run of a campaign.
+    Modelled = 16,
+    /// What intervals of means and crossovers are drawn from.
+    Bootstrap = 17,
 }
 
 /// The last quarter of every key: keeps these streams apart from any other use of ChaCha with the seed.

@@ -15,6 +15,8 @@ keeps the figures in target/criterion/ and compares them with those of the run b
 `avoid` measures no time: it flies families of encounters with the flight code's avoidance and with others, and
 prints what each keeps and costs. SKYROOST_UPDATE_DOCS=1 puts the table into docs/avoidance.md too.
 
+`campaign` prints what runs of a campaign cost, and how that grows with users and drones.
+
 `board` is another kind: it builds every board's image, flies the emulated board through its worst steps
 and a part of the default mission, and holds instructions, stack, flash and RAM against
 firmware/budgets.toml.

@@ -1,6 +1,7 @@
 //! Results to stdout, logs and progress to stderr.
 
 use super::exit::Failure;
+use crate::campaign;
 use crate::runner::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::Display;
@@ -10,6 +11,8 @@ use std::sync::{Mutex, PoisonError};
 /// Steps of the progress bar: a hundredth of a percent each.
 const BAR_STEPS: u64 = 10_000;
 const BAR_TEMPLATE: &str = "{msg:<14} {bar:30} {percent:>3} %  simulated {prefix}  ETA {eta}";
+
+const CAMPAIGN_TEMPLATE: &str = "{msg:<20} {bar:30} {pos}/{len} runs  {elapsed} gone, ETA {eta}";
 
 /// Where a run speaks to its user.
 pub(super) struct Console {
@@ -44,6 +47,16 @@ impl Console {
             Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Stdout(error)),
             _ => Ok(()),
         }
+    }
+
+    /// Shows how many runs and blocks of a campaign are done: a bar on a terminal, a line for each block elsewhere.
+    pub(super) fn campaign(&self) -> CampaignView<'_> {
+        let bar = (!self.quiet && io::stderr().is_terminal()).then(|| {
+            let style = ProgressStyle::with_template(CAMPAIGN_TEMPLATE)
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            ProgressBar::new(0).with_style(style)
+        });
+        CampaignView { console: self, bar, blocks: Mutex::new(None) }
     }
 
     /// Shows how far a run is: a bar on a terminal, one line for each phase elsewhere.
@@ -81,6 +94,41 @@ impl ProgressView<'_> {
 }
 
 impl Drop for ProgressView<'_> {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// The progress of a campaign; the bar disappears with it.
+pub(super) struct CampaignView<'a> {
+    console: &'a Console,
+    bar: Option<ProgressBar>,
+    /// Blocks done, as last shown.
+    blocks: Mutex<Option<u64>>,
+}
+
+impl CampaignView<'_> {
+    /// Shows `progress`; called from many threads, so that an older one may come after a newer.
+    pub(super) fn show(&self, progress: campaign::Progress) {
+        let campaign::Progress { blocks, of_blocks, runs, of_runs } = progress;
+        let mut shown = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
+        if shown.is_some_and(|shown| shown > blocks) {
+            return;
+        }
+        if let Some(bar) = &self.bar {
+            bar.set_length(of_runs);
+            bar.set_message(format!("{blocks} of {of_blocks} blocks"));
+            bar.set_position(runs.max(bar.position()));
+        } else if *shown != Some(blocks) {
+            self.console.log(&format!("{blocks} of {of_blocks} blocks done"));
+        }
+        *shown = Some(blocks);
+    }
+}
+
+impl Drop for CampaignView<'_> {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

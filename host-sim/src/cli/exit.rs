@@ -6,6 +6,7 @@ use super::locate::LocateFailure;
 use super::output::OutputError;
 use super::place::PlaceFailure;
 use super::sweep::SweepFailure;
+use crate::campaign::{CampaignError, RunFailure};
 use crate::runner::{InputError, RunError};
 use std::io;
 use thiserror::Error;
@@ -23,6 +24,8 @@ pub(super) enum Exit {
     Infeasible,
     /// A link or a board failed.
     Link,
+    /// Part of a campaign is missing.
+    Partial,
     /// The user interrupted.
     Interrupted,
 }
@@ -36,6 +39,7 @@ impl Exit {
             Self::BadInput => 2,
             Self::Infeasible => 3,
             Self::Link => 4,
+            Self::Partial => 5,
             Self::Interrupted => 130, // 128 + SIGINT, as shells count
         }
     }
@@ -77,6 +81,9 @@ pub(super) enum Failure {
     /// Nobody can meet.
     #[error(transparent)]
     Encounter(#[from] EncounterFailure),
+    /// A campaign does not go on.
+    #[error(transparent)]
+    Campaign(#[from] CampaignError),
     /// The result files cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -95,8 +102,7 @@ impl Failure {
     /// The exit status it has.
     pub(super) const fn exit(&self) -> Exit {
         match self {
-            Self::Run(RunError::BadInput(_))
-            | Self::Usage(_)
+            Self::Usage(_)
             | Self::Locate(_)
             | Self::Place(_)
             | Self::Accuracy(_)
@@ -104,9 +110,26 @@ impl Failure {
             | Self::Output(_)
             | Self::Stdout(_) => Exit::BadInput,
             Self::Sweep(failure) => failure.exit(),
-            Self::Run(RunError::Infeasible(_)) => Exit::Infeasible,
-            Self::Run(RunError::Link(_)) => Exit::Link,
-            Self::Run(RunError::Interrupted) => Exit::Interrupted,
+            Self::Campaign(failure) => of_campaign(failure),
+            Self::Run(failure) => of_run(failure),
         }
+    }
+}
+
+const fn of_run(failure: &RunError) -> Exit {
+    match failure {
+        RunError::BadInput(_) => Exit::BadInput,
+        RunError::Infeasible(_) => Exit::Infeasible,
+        RunError::Link(_) => Exit::Link,
+        RunError::Interrupted => Exit::Interrupted,
+    }
+}
+
+const fn of_campaign(failure: &CampaignError) -> Exit {
+    match failure {
+        CampaignError::Partial { .. } => Exit::Partial,
+        CampaignError::Interrupted => Exit::Interrupted,
+        CampaignError::Run { source: RunFailure::Mission(failure), .. } => of_run(failure),
+        _ => Exit::BadInput,
     }
 }

@@ -6,6 +6,7 @@
 //! - `place`: places drones for located users,
 //! - `accuracy`: tells how well a formation locates,
 //! - `encounter`: flies vehicles past each other,
+//! - `campaign`: plans, runs, merges and plots many runs,
 //! - `answer`: files, and JSON or text, of commands that answer a question,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
@@ -16,6 +17,7 @@
 
 mod accuracy;
 mod answer;
+mod campaign;
 mod console;
 mod encounter;
 mod exit;
@@ -61,6 +63,7 @@ enum Command {
     Place(place::PlaceArgs),
     Accuracy(accuracy::AccuracyArgs),
     Encounter(encounter::EncounterArgs),
+    Campaign(campaign::CampaignArgs),
 }
 
 /// Runs the command line of this process and returns its exit status.
@@ -82,6 +85,7 @@ pub fn main() -> ExitCode {
         Command::Place(args) => place::run(args),
         Command::Accuracy(args) => accuracy::run(args),
         Command::Encounter(args) => encounter::run(args),
+        Command::Campaign(args) => campaign::run(args),
     };
     let exit = result.unwrap_or_else(|failure| {
         Console::error(&failure);

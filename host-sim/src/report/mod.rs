@@ -1,6 +1,8 @@
 //! What a run leaves for people to look at.
 
 pub mod accuracy;
+pub mod campaign;
+mod chart;
 mod earth;
 pub mod encounter;
 pub(crate) mod figures;

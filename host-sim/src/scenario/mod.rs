@@ -23,7 +23,10 @@ pub use tables::{
     WindTable,
 };
 
+use serde::{Deserialize as _, de::DeserializeOwned};
 use std::path::{Path, PathBuf};
+use toml::Spanned;
+use toml::de::{DeTable, Deserializer, ValueDeserializer};
 
 /// The scenario that is flown when no file is given, as a file would state it.
 const PAPER_TOML: &str = include_str!("../../scenarios/paper.toml");
@@ -71,8 +74,36 @@ impl LoadedScenario {
     /// As [`LoadedScenario::read`].
     pub fn from_toml(text: &str, name: &str, directory: &Path) -> Result<Self, ScenarioError> {
         let source = Source::parse(text, name)?;
-        let mut scenario: Scenario =
+        let scenario =
             toml::from_str(text).map_err(|error| source.explain(&error, ScenarioError::from_toml))?;
+        Self::found(scenario, source, directory)
+    }
+
+    /// Reads a scenario from a text that holds a table of another kind beside it, and that table; none where the text
+    /// has none.
+    ///
+    /// # Errors
+    /// As [`LoadedScenario::read`], for the table as well.
+    pub fn from_toml_beside<T: DeserializeOwned>(
+        table: &str,
+        text: &str,
+        name: &str,
+        directory: &Path,
+    ) -> Result<(Option<T>, Self), ScenarioError> {
+        let source = Source::parse(text, name)?;
+        let explain = |error: &toml::de::Error| source.explain(error, ScenarioError::from_toml);
+        let document = DeTable::parse(text).map_err(|error| explain(&error))?;
+        let span = document.span();
+        let mut keys = document.into_inner();
+        let other = keys.remove(table).map(|value| T::deserialize(ValueDeserializer::from(value)));
+        let other = other.transpose().map_err(|error| explain(&error))?;
+        let scenario = Scenario::deserialize(Deserializer::from(Spanned::new(span, keys)));
+        let scenario = scenario.map_err(|error| explain(&error))?;
+        Ok((other, Self::found(scenario, source, directory)?))
+    }
+
+    /// A scenario as deserialized, with the files it names taken from `directory`.
+    fn found(mut scenario: Scenario, source: Source, directory: &Path) -> Result<Self, ScenarioError> {
         source.refuse_pair("area.file", &["area.width_m", "area.height_m"])?;
         source.refuse_pair("fleet.pads_m", &["fleet.base_m", "fleet.pad_spacing_m"])?;
         source.refuse_pair("fence.file", &["fence.margin_m"])?;

@@ -57,8 +57,14 @@ impl Source {
         }
     }
 
+    /// Whether the file or the command line states `field`.
+    #[must_use]
+    pub fn states(&self, field: &str) -> bool {
+        self.keys.contains_key(field) || self.options.contains_key(field)
+    }
+
     /// Notes that an option of the command line replaced a field.
-    pub(super) fn replaced_by(&mut self, field: &'static str, option: &'static str) {
+    pub(crate) fn replaced_by(&mut self, field: &'static str, option: &'static str) {
         self.options.insert(field, option);
     }
 

@@ -75,6 +75,51 @@ impl PointGrid {
         .map(|&(_, index)| index as usize)
     }
 
+    /// How many points lie within `radius_m` of `centre_m`, border included: as many as [`PointGrid::within`] finds.
+    ///
+    /// Of each row of cells the middle ones lie in the disk as a whole and are counted by their starts; only points of
+    /// the outer ones are looked at. So small cells serve well, a twentieth of the radius say.
+    #[must_use]
+    pub fn count_within(&self, centre_m: V2, radius_m: f64) -> usize {
+        // Of a cell: more than coordinates lose to rounding where a cell begins or ends.
+        const ROUNDING: f64 = 1e-6;
+        if radius_m.is_nan() || radius_m < 0.0 {
+            return 0;
+        }
+        let radius_squared = radius_m * radius_m;
+        let at = (centre_m - self.corner_m) * self.cells_per_m;
+        let reach_squared = (radius_m * self.cells_per_m + ROUNDING).powi(2);
+        let inner_squared = (radius_m * self.cells_per_m - ROUNDING).max(0.0).powi(2);
+        let mut count = 0;
+        for row in self.row(centre_m.y - radius_m)..=self.row(centre_m.y + radius_m) {
+            let (bottom, top) = (row as f64 - at.y, (row + 1) as f64 - at.y);
+            let nearest = bottom.max(-top).max(0.0) - ROUNDING;
+            let farthest = top.max(-bottom) + ROUNDING;
+            let reach = (reach_squared - nearest.max(0.0).powi(2)).max(0.0).sqrt();
+            let index = |column: f64| (column.max(0.0) as usize).min(self.columns);
+            let outer =
+                index(at.x - reach - ROUNDING)..(index(at.x + reach + ROUNDING) + 1).min(self.columns);
+            let inner_half = (inner_squared - farthest * farthest).max(0.0).sqrt();
+            // The columns that lie between the ends of the shorter of the two chords.
+            let inner =
+                index((at.x - inner_half + ROUNDING).ceil())..index((at.x + inner_half - ROUNDING).floor());
+            let first = row * self.columns;
+            let start = |column: usize| self.starts[first + column] as usize;
+            let near = |range: std::ops::Range<usize>| {
+                let points = self.points[range].iter();
+                points.filter(|(point, _)| (point - centre_m).norm_squared() <= radius_squared).count()
+            };
+            if inner.start < inner.end && inner.start >= outer.start && inner.end <= outer.end {
+                count += start(inner.end) - start(inner.start);
+                count += near(start(outer.start)..start(inner.start));
+                count += near(start(inner.end)..start(outer.end));
+            } else if outer.start < outer.end {
+                count += near(start(outer.start)..start(outer.end));
+            }
+        }
+        count
+    }
+
     /// Column of an abscissa, the nearest one if outside.
     fn column(&self, x_m: f64) -> usize {
         // The cast takes negative numbers to zero.
@@ -126,6 +171,22 @@ mod tests {
             found.sort_unstable();
             let near = |i: &usize| (points[*i] - centre).norm_squared() <= radius_m * radius_m;
             prop_assert_eq!(found, (0..points.len()).filter(near).collect::<Vec<_>>());
+        }
+
+        /// On whole metres, so that points lie on the borders of cells and of the disk.
+        #[test]
+        fn truth_counts_what_brute_force_counts(
+            points in prop::collection::vec((-40..40_i32, -20..60_i32), 0..400),
+            centre in (-60..60_i32, -60..80_i32),
+            radius in -1..60_i32,
+            cells_per_10_m in 1..40_u32,
+        ) {
+            let at = |(x, y): (i32, i32)| V2::new(f64::from(x), f64::from(y));
+            let points: Vec<V2> = points.into_iter().map(at).collect();
+            let grid = PointGrid::new(&points, 10.0 / f64::from(cells_per_10_m));
+            let (centre, radius_m) = (at(centre), f64::from(radius));
+            let near = |p: &&V2| radius >= 0 && (*p - centre).norm_squared() <= radius_m * radius_m;
+            prop_assert_eq!(grid.count_within(centre, radius_m), points.iter().filter(near).count());
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::geometry::V2;
 use crate::rng::{self, Stream};
+use rand_core::Rng;
 use rand_distr::{Distribution, Poisson};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -100,6 +101,25 @@ pub fn poisson_users(
     contains: impl Fn(V2) -> bool,
     seed: u64,
 ) -> Result<Vec<User>, UsersError> {
+    let mut rng = rng::stream(seed, Stream::Users, 0);
+    let places_m = poisson_places(density_per_km2, (low_m, high_m), contains, &mut rng)?;
+    Ok(places_m
+        .into_iter()
+        .zip(1..)
+        .map(|(pos_m, number)| User { id: format!("u{number}"), pos_m })
+        .collect())
+}
+
+/// The places of [`poisson_users`], drawn from any stream.
+///
+/// # Errors
+/// As [`poisson_users`].
+pub fn poisson_places(
+    density_per_km2: f64,
+    (low_m, high_m): (V2, V2),
+    contains: impl Fn(V2) -> bool,
+    rng: &mut impl Rng,
+) -> Result<Vec<V2>, UsersError> {
     let extent_m = high_m - low_m;
     let area_km2 = extent_m.x * extent_m.y * 1e-6;
     let expected = density_per_km2 * area_km2;
@@ -111,11 +131,9 @@ pub fn poisson_users(
     if expected <= 0.0 {
         return Ok(Vec::new());
     }
-    let mut rng = rng::stream(seed, Stream::Users, 0);
-    let drawn = Poisson::new(expected).map_err(|_| refused)?.sample(&mut rng) as u64;
-    let mut place = || V2::new(rng::unit(&mut rng), rng::unit(&mut rng)).component_mul(&extent_m) + low_m;
-    let inside = (0..drawn).map(|_| place()).filter(|p| contains(*p));
-    Ok(inside.zip(1..).map(|(pos_m, number)| User { id: format!("u{number}"), pos_m }).collect())
+    let drawn = Poisson::new(expected).map_err(|_| refused)?.sample(rng) as u64;
+    let mut place = || V2::new(rng::unit(rng), rng::unit(rng)).component_mul(&extent_m) + low_m;
+    Ok((0..drawn).map(|_| place()).filter(|p| contains(*p)).collect())
 }
 
 /// Reads users from a CSV file with the header `id,x_m,y_m`, `id,x_m,y_m,r_e_m` (the radius is not used)

@@ -160,6 +160,20 @@ impl Accuracy {
     }
 }
 
+impl Formation {
+    /// How well missions locate: offsets from the lane and 95 % radii, with the clocks of [`Sync::Mission`]. As
+    /// [`Accuracy::sigma`] has it for one's own noise, without everything else.
+    ///
+    /// # Errors
+    /// What [`Formation::check`] finds.
+    pub fn mission_radii_m(&self) -> Result<Vec<[f64; 2]>, AccuracyError> {
+        self.check()?;
+        let offset_m = self.round_offsets_m();
+        let r95_m = self.shared_m(&offset_m, LocalizeConfig::default().clock)?;
+        Ok(offset_m.into_iter().zip(r95_m).map(<[f64; 2]>::from).collect())
+    }
+}
+
 /// A row for each value.
 fn rows(
     values: &[f64],

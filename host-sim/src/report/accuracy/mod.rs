@@ -3,9 +3,8 @@
 //! - `tables`: which tables there are and what they say,
 //! - `table`: a table as text or as Markdown,
 //! - `json`: every figure, for scripts,
-//! - `plot`, `chart`: radii as curves.
+//! - `plot`: radii as curves.
 
-mod chart;
 mod json;
 mod plot;
 mod table;

@@ -2,16 +2,16 @@
 
 use std::fmt::Write as _;
 
-use super::chart::{Axis, Chart, Line};
 use crate::control::accuracy::{Accuracy, Curve, SYNC_USERS, Sync};
+use crate::report::chart::{Axis, Chart, Line, STYLE};
 use crate::report::map::view::px;
 use crate::report::map::{HEADER_PX, MARGIN_PX, header};
-
-const STYLE: &str = include_str!("plot.css");
 
 /// Size of a chart, and what lies between two.
 const CHART_PX: [f64; 2] = [372.0, 440.0];
 const GAP_PX: f64 = 30.0;
+/// Right of a chart for the names of curves.
+const NAMES_PX: f64 = 56.0;
 /// Colours that curves may have.
 const COLOURS: usize = 6;
 
@@ -43,12 +43,14 @@ pub(super) fn render(accuracy: &Accuracy) -> String {
     .into_iter()
     .enumerate()
     {
-        let chart = Chart { place_px: place_px(column as f64), head, x: offset, y, x_name };
+        let place_px = place_px(column as f64);
+        let chart = Chart { place_px, names_px: NAMES_PX, head, x: offset, y, x_name };
         chart.draw(&mut svg, &lines(curves, own));
     }
     let residual = Axis::logarithmic([0.1, 9.99].into_iter());
     let chart = Chart {
         place_px: place_px(2.0),
+        names_px: NAMES_PX,
         head: "by the error of clocks",
         x: residual,
         y,
@@ -70,6 +72,7 @@ fn lines(curves: &[Curve], own: f64) -> Vec<Line> {
             class: format!("c{}{weight}", i % COLOURS),
             name: format!("{} m", curve.of),
             points: curve.points.clone(),
+            band: Vec::new(),
         }
     };
     curves.iter().enumerate().map(line).collect()
@@ -85,7 +88,8 @@ fn estimated(accuracy: &Accuracy) -> Vec<Line> {
     let line = |(i, curve): (usize, &Curve)| {
         let level_m = level_m(curve)?;
         let points = curve.points.iter().map(|point| [point[0], level_m]).collect();
-        Some(Line { class: format!("c{} dashed", i % COLOURS), name: String::new(), points })
+        let class = format!("c{} dashed", i % COLOURS);
+        Some(Line { class, name: String::new(), points, band: Vec::new() })
     };
     accuracy.residual_curves.iter().enumerate().filter_map(line).collect()
 }

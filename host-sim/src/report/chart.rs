@@ -1,12 +1,14 @@
-//! One chart: axes with round ticks, curves with their names at the right end.
+//! One chart: axes with round ticks, curves with their names at the right end, and bands that they are known within.
 
 use std::fmt::Write as _;
 
 use crate::report::map::view::{escaped, px};
 
-/// Left of the frame for the ticks' numbers, right of it for the names of curves.
+/// Look of everything in a chart, after that of all pictures.
+pub(in crate::report) const STYLE: &str = include_str!("chart.css");
+
+/// Left of the frame for the ticks' numbers.
 const NUMBERS_PX: f64 = 34.0;
-const NAMES_PX: f64 = 56.0;
 /// Above the frame for the heading, below it for numbers and the axis' name.
 const HEAD_PX: f64 = 26.0;
 const FOOT_PX: f64 = 44.0;
@@ -17,19 +19,31 @@ const MOST_TICKS: f64 = 6.0;
 
 /// From values to pixels.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Axis {
+pub(in crate::report) struct Axis {
     range: [f64; 2],
     logarithmic: bool,
 }
 
 impl Axis {
     /// Equal steps from 0 to `most`.
-    pub(super) fn linear(most: f64) -> Self {
+    pub(in crate::report) fn linear(most: f64) -> Self {
         Self { range: [0.0, most], logarithmic: false }
     }
 
+    /// Equal steps around all `values` that are finite, and 0; it begins and ends at a tick.
+    pub(in crate::report) fn around_zero(values: impl Iterator<Item = f64>) -> Self {
+        let finite = values.filter(|value| value.is_finite());
+        let range =
+            finite.fold([0.0, 0.0], |[least, most], value| [f64::min(least, value), f64::max(most, value)]);
+        let step = tick_step((range[1] - range[0]).max(1.0));
+        Self {
+            range: [(range[0] / step).floor() * step, (range[1] / step).ceil().max(1.0) * step],
+            logarithmic: false,
+        }
+    }
+
     /// Equal ratios between round numbers around all `values` (positive ones that are finite).
-    pub(super) fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
+    pub(in crate::report) fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
         let finite = values.filter(|value| value.is_finite() && *value > 0.0);
         let range = finite.fold([f64::INFINITY, 0.0], |[least, most], value| {
             [f64::min(least, value), f64::max(most, value)]
@@ -57,10 +71,15 @@ impl Axis {
             let powers = |value: &f64| (value.log10() - value.log10().round()).abs() < 1e-6;
             return if all.len() <= 12 { all } else { all.into_iter().filter(powers).collect() };
         }
-        let steps = round_numbers((most - least) / MOST_TICKS / 10.0, most - least);
-        let step = steps.into_iter().find(|step| (most - least) / step <= MOST_TICKS).unwrap_or(most - least);
+        let step = tick_step(most - least);
         (0..=((most - least) / step + 1e-9) as usize).map(|k| least + k as f64 * step).collect()
     }
+}
+
+/// The least round number that a length has few enough of.
+fn tick_step(length: f64) -> f64 {
+    let mut steps = round_numbers(length / MOST_TICKS / 10.0, length);
+    steps.find(|step| length / step <= MOST_TICKS).unwrap_or(length)
 }
 
 /// 1, 2 and 5 times powers of ten within a range.
@@ -77,30 +96,39 @@ fn number(value: f64) -> String {
 }
 
 /// One line of a chart.
-pub(super) struct Line {
+pub(in crate::report) struct Line {
     /// Its look.
-    pub(super) class: String,
+    pub(in crate::report) class: String,
     /// What stands at its right end; nothing if empty.
-    pub(super) name: String,
+    pub(in crate::report) name: String,
     /// Abscissa and ordinate; what is not finite is left out.
-    pub(super) points: Vec<[f64; 2]>,
+    pub(in crate::report) points: Vec<[f64; 2]>,
+    /// What each of them is known within: least and greatest ordinate; empty for a line without a band.
+    pub(in crate::report) band: Vec<[f64; 2]>,
 }
 
 /// A chart in its place.
-pub(super) struct Chart<'a> {
+pub(in crate::report) struct Chart<'a> {
     /// Left, top, width and height of everything, pixels.
-    pub(super) place_px: [f64; 4],
-    pub(super) head: &'a str,
-    pub(super) x: Axis,
-    pub(super) y: Axis,
-    pub(super) x_name: &'a str,
+    pub(in crate::report) place_px: [f64; 4],
+    /// Right of the frame for the names of curves.
+    pub(in crate::report) names_px: f64,
+    pub(in crate::report) head: &'a str,
+    pub(in crate::report) x: Axis,
+    pub(in crate::report) y: Axis,
+    pub(in crate::report) x_name: &'a str,
 }
 
 impl Chart<'_> {
     /// The frame that curves lie in: left, top, width and height, pixels.
-    pub(super) fn frame_px(&self) -> [f64; 4] {
+    pub(in crate::report) fn frame_px(&self) -> [f64; 4] {
         let [left, top, width, height] = self.place_px;
-        [left + NUMBERS_PX, top + HEAD_PX, width - NUMBERS_PX - NAMES_PX, height - HEAD_PX - FOOT_PX]
+        [left + NUMBERS_PX, top + HEAD_PX, width - NUMBERS_PX - self.names_px, height - HEAD_PX - FOOT_PX]
+    }
+
+    /// Height of an ordinate in the picture, pixels.
+    pub(in crate::report) fn ordinate_px(&self, y: f64) -> f64 {
+        self.point_px([self.x.range[0], y])[1]
     }
 
     fn point_px(&self, [x, y]: [f64; 2]) -> [f64; 2] {
@@ -109,8 +137,9 @@ impl Chart<'_> {
     }
 
     /// Draws it all.
-    pub(super) fn draw(&self, svg: &mut String, lines: &[Line]) {
+    pub(in crate::report) fn draw(&self, svg: &mut String, lines: &[Line]) {
         self.axes(svg);
+        lines.iter().for_each(|line| self.band(svg, line));
         let mut names: Vec<(f64, &Line)> = Vec::new();
         for line in lines {
             let finite = line.points.iter().filter(|point| point[1].is_finite());
@@ -126,6 +155,23 @@ impl Chart<'_> {
             }
         }
         self.names(svg, names);
+    }
+
+    /// The band of a line, there and back; below all curves.
+    fn band(&self, svg: &mut String, line: &Line) {
+        let edge = |side: usize| {
+            let ends = line.points.iter().zip(&line.band).map(move |(point, ends)| [point[0], ends[side]]);
+            ends.filter(|point| point[1].is_finite()).map(|point| self.point_px(point)).collect::<Vec<_>>()
+        };
+        let (low, high) = (edge(0), edge(1));
+        if low.len() < 2 || low.len() != high.len() {
+            return;
+        }
+        let corner = |(i, [x, y]): (usize, &[f64; 2])| {
+            format!("{}{} {}", if i == 0 { 'M' } else { 'L' }, px(*x), px(*y))
+        };
+        let path: String = low.iter().chain(high.iter().rev()).enumerate().map(corner).collect();
+        let _ = writeln!(svg, "<path class=\"band {}\" d=\"{path}Z\"/>", line.class);
     }
 
     fn axes(&self, svg: &mut String) {
