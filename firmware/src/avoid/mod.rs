@@ -71,6 +71,8 @@ pub struct Separation {
 /// Beyond this distance two drones at full speed do not meet within the horizon of [`pca`], the age of a
 /// shared state and their braking ways, metres.
 const REACH_M: f32 = 320.0;
+/// No usual formation is wider than this about its centre, metres; of a wider one not all drones see another fleet at once.
+const FLEET_RADIUS_M: f32 = 60.0;
 /// Drones of a fleet.
 const FLEET_DRONES: f32 = 3.0;
 /// Planned beyond `d_safe` and both error radii, metres: tracking error of the velocity loop, and what several
@@ -199,9 +201,8 @@ impl<'a> Near<'a> {
         let mut order: Vec<(f32, u8), MAX_PEERS> = Vec::new();
         let centre_m = own.pos_enu_m - separation.arm_m;
         for (index, peer) in peers.iter().enumerate() {
-            // Whatever either does within the horizon, they cannot come near: most peers end here. Fleets are looked for
-            // from centre to centre, so that all of a fleet see another one at once.
-            if (heard_at_m(peer, peers) - centre_m).norm_squared() > REACH_M * REACH_M {
+            // Whatever either does within the horizon, they cannot come near: most peers end here.
+            if !is_in_reach(&centre_m, peer, peers) {
                 continue;
             }
             let away_m2 = (peer.predicted(now).pos_enu_m - own.pos_enu_m).norm_squared();
@@ -313,12 +314,21 @@ impl<'a> Near<'a> {
     }
 }
 
-/// Where a peer was last heard, metres; of a whole fleet in formation its centre.
-fn heard_at_m(peer: &Peer, peers: &PeerTable) -> Vec3 {
-    let Some(fleet) = peer.manner().fleet() else { return peer.heard_at_m() };
+/// Whether a peer, by where it was last heard, may matter to a drone or to the formation that has its centre there.
+///
+/// Fleets are looked for from centre to centre, so that all of a fleet see another one at once.
+fn is_in_reach(centre_m: &Vec3, peer: &Peer, peers: &PeerTable) -> bool {
+    let away_m2 = |from_m: Vec3| (from_m - centre_m).norm_squared();
+    let own_m2 = away_m2(peer.heard_at_m());
+    let Some(fleet) = peer.manner().fleet() else { return own_m2 <= REACH_M * REACH_M };
+    let (surely_m, hardly_m) = (REACH_M - FLEET_RADIUS_M, REACH_M + FLEET_RADIUS_M);
+    // Few are where their mates have to be asked for.
+    if own_m2 <= surely_m * surely_m || own_m2 > hardly_m * hardly_m {
+        return own_m2 <= surely_m * surely_m;
+    }
     let members = || peers.iter().filter(|other| other.manner().fleet() == Some(fleet));
     let sum_m = members().fold(Vec3::zeros(), |sum_m, other| sum_m + other.heard_at_m());
-    sum_m / members().count() as f32
+    away_m2(sum_m / members().count() as f32) <= REACH_M * REACH_M
 }
 
 /// The velocity nearest to `wanted` that the half-planes of all neighbours and walls allow.
