@@ -33,6 +33,12 @@ pub fn velocity(pos_enu_m: &Vec3, goal_enu_m: &Vec3, speed_mps: f32, vertical_mp
     limited(v, greater(speed_mps, vertical_mps))
 }
 
+/// How far before a goal a flight at this speed begins to brake, metres.
+#[must_use]
+pub fn braking_m(speed_mps: f32) -> f32 {
+    greater(speed_mps * speed_mps / (2.0 * BRAKE_MPS2), speed_mps / NEAR_GAIN_PER_S)
+}
+
 /// Whether a goal is reached.
 #[must_use]
 pub fn arrived(pos_enu_m: &Vec3, vel_enu_mps: &Vec3, goal_enu_m: &Vec3) -> bool {

@@ -3,7 +3,7 @@
 //! - `full`: what the mission itself came to: users with their estimated 95 % radii, drones placed by it and flown there.
 //! - `proposed`: Algorithm 2 on the estimates of the same flight, every user taken to be within `r_e` of its estimate. It
 //!   may be farther away: what is guaranteed is then not what is served.
-//! - `random`: random search by the motion of the closed model, from the first second on.
+//! - `random`: random search flown by the same boards, from the starts and first headings of the closed model.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -65,7 +65,7 @@ impl Flown {
                         .map(|served| served as usize)
                 }
                 (Method::Proposed, Some(outcome)) => self.proposed(run, &users_m, outcome)?,
-                _ => self.random(run, &users_m),
+                _ => self.random(run, &scenario, &users_m, cancel)?,
             };
             let own_s = begun.elapsed().as_secs_f64();
             let wall_s = if method == Method::Random { own_s } else { own_s + flown_s };
@@ -96,14 +96,21 @@ impl Flown {
         Ok([placement.covered, served_together(&grid(users_m, reach_m), &sites_m, reach_m)])
     }
 
-    fn random(&self, run: &Run, users_m: &[V2]) -> [usize; 2] {
-        let Scenario { fleet, mission, .. } = &self.scenario;
+    fn random(
+        &self,
+        run: &Run,
+        scenario: &Scenario,
+        users_m: &[V2],
+        cancel: &AtomicBool,
+    ) -> Result<[usize; 2], RunError> {
+        let Scenario { fleet, mission, .. } = scenario;
         let ground =
-            Ground { side_m: side_m(&self.scenario), radius_m: fleet.radius_m, speed_mps: fleet.speed_mps };
+            Ground { side_m: side_m(scenario), radius_m: fleet.radius_m, speed_mps: fleet.speed_mps };
         let rng = run.stream(Stream::Search);
-        let track = Track::at_random(ground, run.drones as usize, mission.time_s as u32, rng);
-        [fleet.radius_m - run.r_e_m, fleet.radius_m]
-            .map(|radius_m| track.served(users_m, radius_m, self.reading))
+        let places_m = runner::random_search(scenario, ground, mission.time_s as u32, rng, cancel)?;
+        let track = Track::of_places(run.drones as usize, &places_m);
+        Ok([fleet.radius_m - run.r_e_m, fleet.radius_m]
+            .map(|radius_m| track.served(users_m, radius_m, self.reading)))
     }
 }
 

@@ -12,6 +12,7 @@ pub mod located;
 pub mod mission;
 pub mod place;
 mod quoted;
+pub mod random_search;
 pub mod relay;
 mod rows;
 pub mod srs_schedule;

@@ -13,11 +13,14 @@ pub mod formation;
 mod input;
 mod island;
 mod judge;
+mod links;
+mod search;
 mod setup;
 mod space;
 mod watch;
 
 pub use input::{InputError, MissionArea, MissionInput, Outcome, Progress, RunError, RunOptions};
+pub use search::random_search;
 
 use crate::{
     control::mission::{ControlCenter, Happening, MissionError, OperatorEvent, Stage, plan::PlannedFleet},
@@ -29,10 +32,11 @@ use crate::{
 use clear::Clearance;
 use digest::Digest;
 use island::{Island, IslandTimes, Surroundings};
+use links::Outbox;
 use rayon::prelude::*;
 use setup::Setup;
 use skyroost_firmware::{STEP_US, supervisor::Condition};
-use skyroost_protocol::units::{DroneId, TimePs};
+use skyroost_protocol::units::DroneId;
 use std::{
     collections::BTreeSet,
     sync::atomic::Ordering,
@@ -100,38 +104,13 @@ struct Flight {
     watch_time: Duration,
 }
 
-/// Frames of the control center to be put on the links.
-#[derive(Default)]
-struct Outbox {
-    bytes: Vec<u8>,
-    /// Receiver and end in `bytes` of each frame.
-    ends: Vec<(DroneId, usize)>,
-}
-
-impl Outbox {
-    fn push(&mut self, to: DroneId, frame: &[u8]) {
-        self.bytes.extend_from_slice(frame);
-        self.ends.push((to, self.bytes.len()));
-    }
-
-    fn frames(&self) -> impl Iterator<Item = (DroneId, &[u8])> {
-        let starts = std::iter::once(0).chain(self.ends.iter().map(|(_, end)| *end));
-        self.ends.iter().zip(starts).map(|((to, end), start)| (*to, &self.bytes[start..*end]))
-    }
-
-    fn clear(&mut self) {
-        self.bytes.clear();
-        self.ends.clear();
-    }
-}
-
 /// One window in so many is timed; odd, so that it takes turns with what happens every so many windows.
 const TIMED_WINDOW: u64 = 17;
 
 impl Flight {
     fn new(input: &MissionInput, setup: &Setup, hangar: &Hangar, remote: bool) -> Result<Self, BoardError> {
         let scenario = &input.scenario;
-        let islands = setup::islands(scenario, &setup.plan, hangar)?;
+        let islands = setup::islands(scenario, &setup.plan.drones, setup.plan.fleets.len(), hangar)?;
         let mut place_of = vec![(0, 0); setup.plan.drones.len()];
         for (index, island) in islands.iter().enumerate() {
             for (member, drone) in island.drones.iter().enumerate() {
@@ -219,21 +198,8 @@ impl Flight {
     }
 
     fn run_control(&mut self) -> Result<(), MissionError> {
-        let now_us = self.step * STEP_US as u64;
-        let now = TimePs::from_us(now_us as i64);
         let Self { control, islands, outbox, place_of, .. } = self;
-        for drone in islands.iter_mut().flat_map(|island| &mut island.drones) {
-            while let Some(bytes) = drone.uplink.poll(now_us) {
-                control.receive(now, drone.id, bytes, &mut |to, frame| outbox.push(to, frame))?;
-            }
-        }
-        control.step(now, &mut |to, frame| outbox.push(to, frame))?;
-        for (to, frame) in outbox.frames() {
-            let (island, member) = place_of[usize::from(to.0) - 1];
-            islands[island].drones[member].downlink.send(now_us, frame);
-        }
-        outbox.clear();
-        Ok(())
+        outbox.exchange(self.step * STEP_US as u64, control, islands, place_of)
     }
 
     fn run_islands(&mut self, timed: bool) -> Result<(), RunError> {

@@ -293,13 +293,14 @@ pub(super) fn surroundings(scenario: &Scenario, users: &[User]) -> Surroundings 
 /// The drones on their pads: one island for each fleet and one for each reserve.
 pub(super) fn islands(
     scenario: &Scenario,
-    plan: &MissionPlan,
+    drones: &[PlannedDrone],
+    fleets: usize,
     hangar: &Hangar,
 ) -> Result<Vec<Island>, BoardError> {
-    let count = plan.drones.len();
+    let count = drones.len();
     let mut islands = Vec::new();
-    let mut members: Vec<Vec<usize>> = vec![Vec::new(); plan.fleets.len()];
-    for (index, planned) in plan.drones.iter().enumerate() {
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); fleets];
+    for (index, planned) in drones.iter().enumerate() {
         match planned.fleet {
             Some((fleet, _)) => members[fleet].push(index),
             None => members.push(vec![index]),
@@ -311,13 +312,13 @@ pub(super) fn islands(
         ..link_config(scenario)
     };
     for indices in members {
-        let drones = indices.iter().map(|&index| drone(scenario, &plan.drones[index], hangar));
-        let drones = drones.collect::<Result<_, _>>()?;
+        let own = indices.iter().map(|&index| drone(scenario, &drones[index], hangar));
+        let own = own.collect::<Result<_, _>>()?;
         let pairs =
             indices.iter().flat_map(|&from| indices.iter().map(move |&to| (from * count + to) as u64));
         let links =
             pairs.map(|pair| Link::new(peer.clone(), scenario.seed, Stream::LinkPeer, pair)).collect();
-        islands.push(Island::new(drones, links));
+        islands.push(Island::new(own, links));
     }
     Ok(islands)
 }
@@ -332,6 +333,11 @@ fn link_config(scenario: &Scenario) -> LinkConfig {
         reordering: link.reorder_fraction,
         ..LinkConfig::default()
     }
+}
+
+/// The longest that a frame takes which is not held up, seconds.
+pub(super) fn link_delay_s(scenario: &Scenario) -> f64 {
+    scenario.link.delay_s + scenario.link.jitter_s
 }
 
 fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result<Drone, BoardError> {

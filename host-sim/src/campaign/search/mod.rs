@@ -6,6 +6,7 @@
 mod motion;
 mod readings;
 
-pub use motion::{Ground, Motion};
+pub use crate::control::random_search::legs::Ground;
+pub use motion::Motion;
 pub use readings::Track;
 pub(super) use readings::{grid, served_together};

@@ -1,57 +1,16 @@
 //! How drones move that search at random: straight on at constant speed, until their coverage disk meets another's or the border.
 //!
-//! Points that turn on the spot, as in the paper's closed model: at 10 m/s and 3 m/s² the flight code turns within 33 m,
-//! a fifteenth of the coverage radius, and a leg between two contacts is some kilometres long. Contacts are computed, not
-//! stepped over: between two of them everybody is on a straight line, and where two lines meet is a quadratic equation.
-
-use std::f64::consts::TAU;
+//! Points that turn on the spot, as in the paper's closed model; `runner::search` flies the same rule. Contacts are
+//! computed, not stepped over: between two of them everybody is on a straight line, and where two lines meet is a
+//! quadratic equation (`control::random_search::legs`).
 
 use rand_core::Rng;
 
+use crate::control::random_search::legs::{Contact, Ground, Leg, MOST_HEADINGS, STAY_S};
 use crate::geometry::V2;
-use crate::rng;
 
 /// Disks and borders this near touch.
 const TOUCH_M: f64 = 1e-6;
-/// Headings drawn for those that touch, before they stay where they are for a while: a drone may be wedged in.
-const MOST_HEADINGS: usize = 64;
-/// How long they stay.
-const STAY_S: f64 = 1.0;
-/// Starts drawn for a drone, before one is taken whose disk overlaps another's: there may be no room.
-const MOST_STARTS: usize = 1000;
-
-/// Where and how drones search.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ground {
-    /// East and north side of the area, whose corner is the origin; at least twice `radius_m` each.
-    pub side_m: V2,
-    /// Coverage radius of a drone (the paper's `R_C`): its disk stays within the area and apart from the others.
-    pub radius_m: f64,
-    /// Constant speed.
-    pub speed_mps: f64,
-}
-
-/// A straight leg.
-#[derive(Clone, Copy, Debug)]
-struct Leg {
-    from_m: V2,
-    velocity_mps: V2,
-    since_s: f64,
-}
-
-impl Leg {
-    fn at(&self, t_s: f64) -> V2 {
-        self.from_m + self.velocity_mps * (t_s - self.since_s)
-    }
-}
-
-/// What a drone meets next.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Contact {
-    at_s: f64,
-    /// The other drone; none for the border, and for the end of a stay.
-    with: Option<usize>,
-}
 
 /// Drones on their way.
 #[derive(Debug)]
@@ -71,22 +30,11 @@ impl<R: Rng> Motion<R> {
     /// # Panics
     /// Where the ground has no room for one disk: a campaign's plan is checked for it.
     pub fn new(ground: Ground, drones: usize, mut rng: R) -> Self {
-        assert!(ground.speed_mps > 0.0 && ground.radius_m >= 0.0, "drones move: {ground:?}");
-        assert!(ground.side_m.min() >= 2.0 * ground.radius_m, "a disk has room: {ground:?}");
-        let mut legs: Vec<Leg> = Vec::with_capacity(drones);
-        for _ in 0..drones {
-            let apart = |at: &V2| legs.iter().all(|leg| (leg.from_m - at).norm() >= 2.0 * ground.radius_m);
-            let mut start = || {
-                ground.low_m()
-                    + V2::new(rng::unit(&mut rng), rng::unit(&mut rng)).component_mul(&ground.extent_m())
-            };
-            let first = start();
-            let from_m =
-                std::iter::once(first).chain((1..MOST_STARTS).map(|_| start())).find(apart).unwrap_or(first);
-            legs.push(Leg { from_m, velocity_mps: V2::zeros(), since_s: 0.0 });
-        }
+        let starts_m = ground.starts(drones, 0.0, &mut rng).into_iter();
+        let legs: Vec<Leg> =
+            starts_m.map(|from_m| Leg { from_m, velocity_mps: V2::zeros(), since_s: 0.0 }).collect();
         let started_apart = (0..drones).all(|drone| {
-            legs[..drone].iter().all(|leg| (leg.from_m - legs[drone].from_m).norm() >= 2.0 * ground.radius_m)
+            legs[..drone].iter().all(|leg| (leg.from_m - legs[drone].from_m).norm() >= ground.disks_m())
         });
         let next = vec![Contact { at_s: f64::INFINITY, with: None }; drones];
         let mut motion = Self { ground, rng, legs, next, now_s: 0.0, started_apart };
@@ -136,8 +84,7 @@ impl<R: Rng> Motion<R> {
         }
         let turned = (0..MOST_HEADINGS).any(|_| {
             for &drone in drones {
-                let (sin, cos) = (TAU * rng::unit(&mut self.rng)).sin_cos();
-                self.legs[drone].velocity_mps = V2::new(cos, sin) * self.ground.speed_mps;
+                self.legs[drone].velocity_mps = self.ground.heading_mps(&mut self.rng);
             }
             drones.iter().all(|&drone| self.is_free(drone, at_s))
         });
@@ -157,8 +104,8 @@ impl<R: Rng> Motion<R> {
         });
         within
             && (0..self.legs.len()).filter(|&other| other != drone).all(|other| {
-                let apart = self.apart(drone, other, at_s);
-                apart.distance_m() > 2.0 * self.ground.radius_m + TOUCH_M || apart.closing() >= 0.0
+                let apart = self.legs[drone].apart(&self.legs[other], at_s);
+                apart.distance_m() > self.ground.disks_m() + TOUCH_M || apart.closing() >= 0.0
             })
     }
 
@@ -186,90 +133,22 @@ impl<R: Rng> Motion<R> {
 
     /// The first contact of a drone from a time on.
     fn contact_of(&self, drone: usize, at_s: f64) -> Contact {
-        let border = Contact { at_s: self.border_s(drone).max(at_s), with: None };
+        let border = Contact { at_s: self.legs[drone].border_s(&self.ground).max(at_s), with: None };
         let others = (0..self.legs.len()).filter(|&other| other != drone);
         let contacts = others.map(|other| self.contact_between(drone, other, at_s));
         contacts.fold(border, |first, contact| if contact.at_s < first.at_s { contact } else { first })
     }
 
-    /// When a drone's disk meets the border; infinite for one that stays.
-    fn border_s(&self, drone: usize) -> f64 {
-        let Leg { from_m, velocity_mps, since_s } = self.legs[drone];
-        let (low, high) = (self.ground.low_m(), self.ground.high_m());
-        let along = |axis: usize| {
-            let (at, towards) = (from_m[axis], velocity_mps[axis]);
-            match towards {
-                t if t > 0.0 => (high[axis] - at) / t,
-                t if t < 0.0 => (low[axis] - at) / t,
-                _ => f64::INFINITY,
-            }
-        };
-        since_s + along(0).min(along(1)).max(0.0)
-    }
-
-    /// When two disks meet: the smaller root of `|p + w t| = 2 R`, in the form that loses no digits.
     fn contact_between(&self, drone: usize, other: usize, at_s: f64) -> Contact {
-        let apart = self.apart(drone, other, at_s);
-        let (closing, squared) = (apart.closing(), apart.relative_mps.norm_squared());
-        let beyond = apart.relative_m.norm_squared() - (2.0 * self.ground.radius_m).powi(2);
-        let discriminant = closing * closing - squared * beyond;
-        let in_s = if closing >= 0.0 || (beyond > 0.0 && discriminant < 0.0) {
-            f64::INFINITY
-        } else if beyond <= 0.0 {
-            0.0
-        } else {
-            beyond / (discriminant.sqrt() - closing)
-        };
-        Contact { at_s: at_s + in_s, with: Some(other) }
-    }
-
-    fn apart(&self, drone: usize, other: usize, at_s: f64) -> Apart {
-        let [a, b] = [drone, other].map(|drone| self.legs[drone]);
-        Apart { relative_m: a.at(at_s) - b.at(at_s), relative_mps: a.velocity_mps - b.velocity_mps }
-    }
-}
-
-/// One drone seen from another.
-struct Apart {
-    relative_m: V2,
-    relative_mps: V2,
-}
-
-impl Apart {
-    fn distance_m(&self) -> f64 {
-        self.relative_m.norm()
-    }
-
-    /// Negative while they come closer.
-    fn closing(&self) -> f64 {
-        self.relative_m.dot(&self.relative_mps)
-    }
-}
-
-impl Ground {
-    /// Centres lie within the area shrunk by the radius.
-    fn low_m(&self) -> V2 {
-        V2::repeat(self.radius_m)
-    }
-
-    fn high_m(&self) -> V2 {
-        self.side_m - V2::repeat(self.radius_m)
-    }
-
-    fn extent_m(&self) -> V2 {
-        self.high_m() - self.low_m()
-    }
-
-    /// Rounding may put a centre a hair outside.
-    fn within(&self, at_m: V2) -> V2 {
-        at_m.sup(&self.low_m()).inf(&self.high_m())
+        let at_s = self.legs[drone].meets_s(&self.legs[other], at_s, &self.ground);
+        Contact { at_s, with: Some(other) }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Stream;
+    use crate::rng::{self, Stream};
     use proptest::prelude::*;
 
     fn motion(side_m: [f64; 2], drones: usize, seed: u64) -> Motion<rand_chacha::ChaCha8Rng> {
@@ -355,7 +234,7 @@ mod tests {
             (since[0] - 100.0).abs() < 1e-9 && (since[1] - 100.0).abs() < 1e-9 && since[2].to_bits() == 0,
             "{since:?}"
         );
-        let apart = motion.apart(0, 1, 100.1);
+        let apart = motion.legs[0].apart(&motion.legs[1], 100.1);
         assert!(apart.closing() >= 0.0 && apart.distance_m() >= 1000.0 - 1e-9);
         let headings: Vec<V2> = motion.legs.iter().map(|leg| leg.velocity_mps).collect();
         assert!(

@@ -6,7 +6,7 @@
 
 use rand_core::Rng;
 
-use super::motion::{Ground, Motion};
+use super::{Ground, Motion};
 use crate::campaign::plan::Reading;
 use crate::control::place::TOLERANCE_M;
 use crate::geometry::V2;
@@ -19,8 +19,10 @@ const CELLS_PER_RADIUS: f64 = 5.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     drones: usize,
-    /// Second by second, all drones in order.
+    /// All drones in order, second by second.
     places_m: Vec<V2>,
+    /// Where in `places_m` each second ends: a drone that went home is not there any more.
+    ends: Vec<usize>,
     /// Coverage disks of this radius do not overlap at any second.
     apart_m: f64,
 }
@@ -36,22 +38,28 @@ impl Track {
             places_m.extend(motion.positions_m());
         }
         let apart_m = if motion.started_apart() { ground.radius_m } else { 0.0 };
-        Self { drones, places_m, apart_m }
+        let ends = (1..=seconds as usize + 1).map(|second| second * drones).collect();
+        Self { drones, places_m, ends, apart_m }
     }
 
-    /// Of places that are known: all drones of a second after one another.
+    /// Of places that are known, of all drones that search at each second.
     ///
     /// # Panics
-    /// Unless there are drones, and places for all of them at every second.
+    /// Where there are more of them than `drones`.
     #[must_use]
-    pub fn of_places(drones: usize, places_m: Vec<V2>) -> Self {
-        assert!(drones > 0 && places_m.len().is_multiple_of(drones), "{} places of {drones}", places_m.len());
-        Self { drones, places_m, apart_m: 0.0 }
+    pub fn of_places(drones: usize, seconds_m: &[Vec<V2>]) -> Self {
+        assert!(seconds_m.iter().all(|places| places.len() <= drones), "no more than {drones} drones");
+        let ends = seconds_m.iter().scan(0, |end, places| {
+            *end += places.len();
+            Some(*end)
+        });
+        Self { drones, ends: ends.collect(), places_m: seconds_m.concat(), apart_m: 0.0 }
     }
 
-    /// The places of all drones, second by second.
+    /// The places of all drones that search, second by second.
     pub fn seconds(&self) -> impl Iterator<Item = &[V2]> {
-        self.places_m.chunks(self.drones)
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| &self.places_m[start..end])
     }
 
     /// How many users the answer serves, each drone those within `radius_m`.
@@ -168,7 +176,7 @@ mod tests {
             prop_assert_eq!(track.served(&users_m, radius_m, Reading::Simultaneous), best);
             let greedy = track.served(&users_m, radius_m, Reading::Greedy);
             prop_assert_eq!(greedy, greedily_by_hand(&users_m, &track, radius_m));
-            let flown = Track::of_places(drones, track.places_m.clone());
+            let flown = Track::of_places(drones, &track.seconds().map(<[V2]>::to_vec).collect::<Vec<_>>());
             prop_assert_eq!(flown.served(&users_m, radius_m, Reading::Simultaneous), best);
         }
     }

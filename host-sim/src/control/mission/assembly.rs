@@ -1,15 +1,9 @@
 //! Flies the plan of [`assemble`](crate::control::assemble): phase by phase, and in each goal by goal, every drone at
 //! its own pace; the next phase begins when all are through.
 
-use super::ControlCenter;
-use crate::{
-    control::assemble::Phase,
-    geometry::{V2, V3},
-};
-use skyroost_protocol::{
-    message::{Command, FlightPhase},
-    units::{PosEnuMm, TimePs},
-};
+use super::{ControlCenter, drone::place_at};
+use crate::{control::assemble::Phase, geometry::V3};
+use skyroost_protocol::{message::FlightPhase, units::TimePs};
 
 /// How far the assembly is.
 #[derive(Clone, Debug, Default)]
@@ -59,10 +53,4 @@ impl ControlCenter {
         }
         self.assembling.phases == Phase::ALL.len()
     }
-}
-
-/// The command to serve from there.
-pub(super) fn place_at(pos_m: V2, altitude_m: f64) -> Command {
-    let [x, y, z] = [pos_m.x, pos_m.y, altitude_m].map(|m| (m * 1e3).round() as i32);
-    Command::Place { target: PosEnuMm([x, y, z]) }
 }

@@ -1,14 +1,16 @@
 //! The control center's end of one drone's link: numbering, the sequence window, and commands that are
 //! repeated until they are acknowledged.
 
+use crate::geometry::V2;
 use skyroost_protocol::{
+    MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{MAX_FRAME, Sender},
     message::{
         AckStatus, Command, Down, EventCode, FlightPhase, LanePiece, MAX_LANE_PIECE, MissionHeader,
         SharedState, Telemetry, Up, lanes_crc,
     },
     session::Receiver,
-    units::{CommandId, DroneId, TimePs, VelEnuMmps},
+    units::{CommandId, DroneId, PosEnuMm, TimePs, VelEnuMmps},
 };
 use std::collections::VecDeque;
 
@@ -20,6 +22,13 @@ const TELEMETRY_FRESH: TimePs = TimePs::from_ms(2_500);
 const STANDING_MMPS: u16 = 300;
 /// Repetitions before the drone counts as unreachable.
 const MOST_REPEATS: u32 = 50;
+/// A drone in the air that says nothing for this long is lost: fifteen shared states, and the radio's delay on top
+/// still leaves it within two seconds.
+const SILENT_FOR: TimePs = TimePs::from_ms(1_500);
+/// Where states are shared more seldom, silence is as many of their periods; telemetry comes once a second.
+const SILENT_PERIODS: i64 = 3;
+/// No drone in the air is silent for longer than between two of its telemetries, three of which may be lost.
+const MOST_SILENT_FOR: TimePs = TimePs::from_ms(3_500);
 
 /// A command under way.
 #[derive(Clone, Debug)]
@@ -33,6 +42,21 @@ struct UnderWay {
 /// Why a drone does not do what it is told.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DroneFailure {
+    /// It speaks another protocol.
+    #[error(
+        "drone {drone} speaks protocol {version_min} to {version_max} with schema {schema_hash:08x}, \
+         expected {PROTOCOL_VERSION} with {SCHEMA_HASH:08x}", drone = .drone.0
+    )]
+    Incompatible {
+        /// Which drone.
+        drone: DroneId,
+        /// Its oldest version.
+        version_min: u8,
+        /// Its newest version.
+        version_max: u8,
+        /// Its schema.
+        schema_hash: u32,
+    },
     /// It never answered.
     #[error("drone {drone} did not answer {command}", drone = .drone.0)]
     Unreachable {
@@ -107,8 +131,53 @@ impl DroneLink {
         &mut self.receiver
     }
 
+    /// Takes in what the drone says of itself at `now`, and answers its hello; what it measured is left to the caller.
+    ///
+    /// # Errors
+    /// When the drone refuses a command or speaks another protocol.
+    pub fn takes(
+        &mut self,
+        now: TimePs,
+        message: &Up,
+        send: &mut impl FnMut(DroneId, &[u8]),
+    ) -> Result<(), DroneFailure> {
+        self.hears(now, message);
+        match *message {
+            Up::Hello { version_min, version_max, schema_hash, .. } => {
+                let version = PROTOCOL_VERSION.min(version_max);
+                if schema_hash != SCHEMA_HASH || version < version_min.max(MIN_PROTOCOL_VERSION) {
+                    let drone = self.id;
+                    return Err(DroneFailure::Incompatible { drone, version_min, version_max, schema_hash });
+                }
+                self.connected = true;
+                self.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH }, send);
+            }
+            Up::CommandAck { command, status } => self.acknowledged(now, command, status, send)?,
+            Up::SharedState(state) if self.state.is_none_or(|known| known.time < state.time) => {
+                self.state = Some(state);
+            }
+            Up::Telemetry(telemetry) if self.telemetry.is_none_or(|known| known.time < telemetry.time) => {
+                self.telemetry = Some(telemetry);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Notes whether it is lost at `now`; says so where that changed.
+    pub fn watched(&mut self, now: TimePs, relay_period: TimePs) -> Option<bool> {
+        let periods = TimePs(relay_period.0.saturating_mul(SILENT_PERIODS));
+        let silent_for = periods.max(SILENT_FOR).min(MOST_SILENT_FOR);
+        let silent = self.in_the_air() && now.since(self.heard) >= silent_for;
+        if silent == self.lost.is_some() {
+            return None;
+        }
+        self.lost = silent.then_some(now);
+        Some(silent)
+    }
+
     /// A frame came at `now`.
-    pub fn hears(&mut self, now: TimePs, message: &Up) {
+    fn hears(&mut self, now: TimePs, message: &Up) {
         self.heard = now;
         let said = match message {
             // States are shared in the air only.
@@ -127,12 +196,6 @@ impl DroneLink {
             state.time = time;
             state.vel = VelEnuMmps([0; 3]);
         }
-    }
-
-    /// When its last frame came.
-    #[must_use]
-    pub fn heard(&self) -> TimePs {
-        self.heard
     }
 
     /// Whether it is in the air by its own last word.
@@ -256,6 +319,13 @@ impl DroneLink {
         }
         self.upload = Some((header, lanes));
     }
+}
+
+/// The command to fly there and serve.
+#[must_use]
+pub fn place_at(pos_m: V2, altitude_m: f64) -> Command {
+    let [x, y, z] = [pos_m.x, pos_m.y, altitude_m].map(|m| (m * 1e3).round() as i32);
+    Command::Place { target: PosEnuMm([x, y, z]) }
 }
 
 /// A command's name, for people.

@@ -8,6 +8,7 @@ pub mod drone;
 mod goals;
 pub mod plan;
 mod refine;
+pub(in crate::control) mod relaying;
 mod stages;
 mod watch;
 
@@ -17,7 +18,6 @@ use crate::{
             Capture, Localization, LocalizeError, MAX_CAPTURES, Occasion, Running, RunningFix, localize,
         },
         place::{PlaceError, Placement},
-        relay::Relay,
         srs_schedule::{FleetSchedule, Scheduled},
     },
     geometry::{V2, V3},
@@ -27,23 +27,15 @@ use drone::{DroneFailure, DroneLink};
 pub use goals::GoalConflict;
 use plan::MissionPlan;
 use refine::Refinement;
+pub use relaying::RELAYED_NEIGHBOURS;
+use relaying::Relaying;
 use skyroost_protocol::{
-    MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{Message, decode},
-    message::{Down, FlightPhase, MateTdoa, PeerState, TdoaCounts, TdoaEntry, TdoaFlags, Up},
+    message::{Down, FlightPhase, MateTdoa, TdoaCounts, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId},
 };
 use thiserror::Error;
 pub use watch::{Happening, OperatorEvent};
-
-/// Neighbours whose state is relayed to each drone.
-pub const RELAYED_NEIGHBOURS: usize = 32;
-
-/// Neighbours nearer than this are relayed every time; from beyond, two drones at full speed need three
-/// quarters of a minute to meet, and hear of each other every [`NEIGHBOURS_PERIOD`].
-const NEAR_M: f64 = 1_000.0;
-/// Every so often it is looked up anew who is near whom.
-const NEIGHBOURS_PERIOD: TimePs = TimePs::from_ms(1_000);
 
 /// Everything is solved for the first time after so many occasions, and again when they have grown by as many and a half.
 const FIRST_SOLUTION: usize = 256;
@@ -95,21 +87,6 @@ pub enum MissionError {
     /// A drone does not do what it is told.
     #[error(transparent)]
     Drone(#[from] DroneFailure),
-    /// A drone speaks another protocol.
-    #[error(
-        "drone {drone} speaks protocol {version_min} to {version_max} with schema {schema_hash:08x}, \
-         expected {PROTOCOL_VERSION} with {SCHEMA_HASH:08x}"
-    )]
-    Incompatible {
-        /// Which drone.
-        drone: u16,
-        /// Its oldest version.
-        version_min: u8,
-        /// Its newest version.
-        version_max: u8,
-        /// Its schema.
-        schema_hash: u32,
-    },
     /// A drone of a fleet left the sweep by itself: its supervisor had a reason.
     #[error("drone {drone} left the sweep: it is {phase:?}, conditions {conditions:#b}")]
     LeftSweep {
@@ -194,11 +171,7 @@ pub struct ControlCenter {
     running: Running,
     /// Occasions at which everything is solved next.
     solve_at: usize,
-    relay: Relay,
-    relay_due: TimePs,
-    neighbours_due: TimePs,
-    relay_positions: Vec<V3>,
-    relay_drones: Vec<usize>,
+    relaying: Relaying,
     assembling: Assembling,
     sweep_started: Option<TimePs>,
     localization: Localization,
@@ -225,6 +198,7 @@ impl ControlCenter {
             schedules,
             running,
             solve_at: FIRST_SOLUTION,
+            relaying: Relaying::new(plan.relay_period),
             plan,
             stage: Stage::Connect,
             stage_since: TimePs(0),
@@ -232,11 +206,6 @@ impl ControlCenter {
             reported: Vec::new(),
             occasions: Vec::new(),
             occasion_ids: Vec::new(),
-            relay: Relay::new(RELAYED_NEIGHBOURS),
-            relay_due: TimePs(0),
-            neighbours_due: TimePs(0),
-            relay_positions: Vec::new(),
-            relay_drones: Vec::new(),
             assembling: Assembling::default(),
             sweep_started: None,
             localization: Localization::default(),
@@ -347,31 +316,8 @@ impl ControlCenter {
             self.counters.frames_repeated += 1;
             return Ok(());
         }
-        drone.hears(now, &message);
+        drone.takes(now, &message, send)?;
         match message {
-            Up::Hello { version_min, version_max, schema_hash, .. } => {
-                let version = PROTOCOL_VERSION.min(version_max);
-                if schema_hash != SCHEMA_HASH || version < version_min.max(MIN_PROTOCOL_VERSION) {
-                    let drone = from.0;
-                    return Err(MissionError::Incompatible { drone, version_min, version_max, schema_hash });
-                }
-                drone.connected = true;
-                drone.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH }, send);
-            }
-            Up::CommandAck { command, status } => {
-                drone.acknowledged(now, command, status, send)?;
-            }
-            Up::Heartbeat => {}
-            Up::SharedState(state) => {
-                if drone.state.is_none_or(|known| known.time < state.time) {
-                    drone.state = Some(state);
-                }
-            }
-            Up::Telemetry(telemetry) => {
-                if drone.telemetry.is_none_or(|known| known.time < telemetry.time) {
-                    drone.telemetry = Some(telemetry);
-                }
-            }
             Up::Attached(page) => {
                 if let Some((fleet, _)) = self.plan.drones[index].fleet {
                     self.schedules[fleet].heard(from, &page);
@@ -382,6 +328,12 @@ impl ControlCenter {
             Up::Event { code, time, value } => {
                 self.events.push(OperatorEvent { time, drone: from, what: Happening::Said { code, value } });
             }
+            // What it says of itself only.
+            Up::Hello { .. }
+            | Up::CommandAck { .. }
+            | Up::Heartbeat
+            | Up::SharedState(_)
+            | Up::Telemetry(_) => {}
         }
         Ok(())
     }
@@ -395,15 +347,7 @@ impl ControlCenter {
         for drone in &mut self.drones {
             drone.step(now, send)?;
         }
-        if now >= self.relay_due {
-            self.relay_due = now.after(self.plan.relay_period);
-            let far_too = now >= self.neighbours_due;
-            if far_too {
-                self.neighbours_due = now.after(NEIGHBOURS_PERIOD);
-                self.find_neighbours();
-            }
-            self.relay_states(far_too, send);
-        }
+        self.relaying.step(now, &mut self.drones, send);
         if self.stage == Stage::Sweep {
             self.ask_for_srs(now, send);
             self.solve_now_and_then()?;
@@ -435,45 +379,6 @@ impl ControlCenter {
             self.running.calibrate(&self.localization.clocks);
         }
         Ok(())
-    }
-
-    /// Who is near whom: looked up anew once a second, in which two drones come 24 m closer at most.
-    fn find_neighbours(&mut self) {
-        self.relay_positions.clear();
-        self.relay_drones.clear();
-        for (index, drone) in self.drones.iter().enumerate() {
-            if let Some(state) = drone.state {
-                self.relay_positions.push(pos_m(&state.pos));
-                self.relay_drones.push(index);
-            }
-        }
-        self.relay.update(&self.relay_positions);
-    }
-
-    /// Relays to each drone the states of its nearest neighbours (paper section 3.3: drones share
-    /// location and velocity through the control center); of those beyond [`NEAR_M`] only now and then.
-    fn relay_states(&mut self, far_too: bool, send: &mut impl FnMut(DroneId, &[u8])) {
-        for (row, &index) in self.relay_drones.iter().enumerate() {
-            let here_m = self.relay_positions[row];
-            let mut states = heapless::Vec::new();
-            for &other in self.relay.neighbours(row) {
-                let other = usize::from(other);
-                let near = (self.relay_positions[other] - here_m).norm_squared() < NEAR_M * NEAR_M;
-                let neighbour = &self.drones[self.relay_drones[other]];
-                let Some(state) = neighbour.state.filter(|_| near || far_too) else { continue };
-                let relayed = PeerState { drone: neighbour.id, state };
-                if states.is_full() {
-                    self.drones[index].say(&Down::Peers(std::mem::take(&mut states)), send);
-                }
-                states.push(relayed).expect("emptied when full");
-            }
-            // Without neighbours the frame is empty, and says that the link lives.
-            self.drones[index].say(&Down::Peers(states), send);
-        }
-        // Whoever hears no relay must still hear that the link lives.
-        for drone in self.drones.iter_mut().filter(|d| d.connected && d.state.is_none()) {
-            drone.say(&Down::Heartbeat, send);
-        }
     }
 
     /// A TDOA report becomes an occasion of its user, once.
@@ -529,6 +434,6 @@ impl ControlCenter {
 }
 
 /// Metres from wire millimetres.
-fn pos_m(pos: &PosEnuMm) -> V3 {
+pub(in crate::control) fn pos_m(pos: &PosEnuMm) -> V3 {
     V3::from(pos.0.map(|mm| f64::from(mm) * 1e-3))
 }

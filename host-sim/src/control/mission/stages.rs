@@ -2,8 +2,7 @@
 
 use super::{
     ControlCenter, MissionError, Stage, Station, Target,
-    assembly::place_at,
-    drone::DroneLink,
+    drone::{DroneLink, place_at},
     goals::{GoalConflict, conflict},
     pos_m,
     refine::{Refinement, Seen},

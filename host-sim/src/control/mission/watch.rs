@@ -9,14 +9,6 @@ use skyroost_protocol::{
     units::{DroneId, TimePs},
 };
 
-/// A drone in the air that says nothing for this long is lost: fifteen shared states, and the radio's delay on top
-/// still leaves it within two seconds.
-const SILENT_FOR: TimePs = TimePs::from_ms(1_500);
-/// Where states are shared more seldom, silence is as many of their periods; telemetry comes once a second.
-const SILENT_PERIODS: i64 = 3;
-/// No drone in the air is silent for longer than between two of its telemetries, three of which may be lost.
-const MOST_SILENT_FOR: TimePs = TimePs::from_ms(3_500);
-
 /// Something the operator should know.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OperatorEvent {
@@ -47,16 +39,9 @@ pub enum Happening {
 impl ControlCenter {
     /// Notes who fell silent in the air and who was heard again.
     pub(super) fn watch(&mut self, now: TimePs) {
-        let periods = TimePs(self.plan.relay_period.0.saturating_mul(SILENT_PERIODS));
-        let silent_for = periods.max(SILENT_FOR).min(MOST_SILENT_FOR);
         for drone in &mut self.drones {
-            let silent = drone.in_the_air() && now.since(drone.heard()) >= silent_for;
-            let what = match (silent, drone.lost) {
-                (true, None) => Happening::Lost,
-                (false, Some(_)) => Happening::HeardAgain,
-                _ => continue,
-            };
-            drone.lost = silent.then_some(now);
+            let Some(lost) = drone.watched(now, self.plan.relay_period) else { continue };
+            let what = if lost { Happening::Lost } else { Happening::HeardAgain };
             self.events.push(OperatorEvent { time: now, drone: drone.id, what });
         }
     }
