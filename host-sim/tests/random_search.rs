@@ -39,9 +39,10 @@ fn trespass_m(track: &Track, side_m: f64) -> [f64; 2] {
     [overlap_m, beyond_m]
 }
 
-/// Mean way of all drones between two turns, metres: a turn is where a drone's way bends, for as long as it does.
+/// Mean way of all drones between two turns, metres: a turn is where a drone's way bends, for as long as it does, once it has
+/// got going.
 fn leg_m(track: &Track) -> f64 {
-    let seconds: Vec<&[V2]> = track.seconds().collect();
+    let seconds: Vec<&[V2]> = track.seconds().skip(10).collect();
     let (mut way_m, mut turns) = (0.0, 0);
     for drone in 0..seconds[0].len() {
         let mut bent = false;
@@ -61,6 +62,8 @@ fn leg_m(track: &Track) -> f64 {
 #[test]
 fn truth_flown_search_moves_and_finds_as_the_closed_model() {
     const SIDE_M: f64 = 10_000.0;
+    /// Users of each run: what one lot of them says differs by more than the two motions do.
+    const DRAWS: u64 = 8;
     let scenario = Scenario::default();
     let mut served = [0, 0];
     let mut legs_m = [0.0, 0.0];
@@ -68,17 +71,19 @@ fn truth_flown_search_moves_and_finds_as_the_closed_model() {
         let tracks = [flown(&scenario, SIDE_M, 1500, seed), closed(6, SIDE_M, 1500, seed)];
         let [overlap_m, beyond_m] = trespass_m(&tracks[0], SIDE_M);
         assert!(overlap_m < 15.0 && beyond_m < 3.0, "seed {seed}: {overlap_m} m, {beyond_m} m");
-        let mut chance = rng::stream(seed, Stream::Users, 0);
-        let mut user = || V2::new(rng::unit(&mut chance), rng::unit(&mut chance)) * SIDE_M;
-        let users_m: Vec<V2> = (0..5000).map(|_| user()).collect();
-        for (k, track) in tracks.iter().enumerate() {
-            served[k] += track.served(&users_m, 500.0, Reading::Simultaneous);
-            legs_m[k] += leg_m(track) / 8.0;
+        for users in 0..DRAWS {
+            let mut chance = rng::stream(seed, Stream::Users, users);
+            let mut user = || V2::new(rng::unit(&mut chance), rng::unit(&mut chance)) * SIDE_M;
+            let users_m: Vec<V2> = (0..5000).map(|_| user()).collect();
+            for (served, track) in served.iter_mut().zip(&tracks) {
+                *served += track.served(&users_m, 500.0, Reading::Simultaneous);
+            }
         }
+        (0..2).for_each(|k| legs_m[k] += leg_m(&tracks[k]) / 8.0);
     }
-    let [flown, closed] = served.map(|all| all as f64 / 8.0);
+    let [flown, closed] = served.map(|all| all as f64 / (8 * DRAWS) as f64);
     assert!((flown / closed - 1.0).abs() < 0.02, "{flown} flown, {closed} closed");
-    assert!((legs_m[0] / legs_m[1] - 1.0).abs() < 0.15, "{legs_m:?}");
+    assert!((legs_m[0] / legs_m[1] - 1.0).abs() < 0.1, "{legs_m:?}");
 }
 
 /// Hardly any room, one frame in five lost, strong gusts, and still nobody is far from where it may be.
@@ -129,8 +134,8 @@ fn the_same_seed_flies_the_same_and_another_does_not() {
 #[test]
 fn drones_that_go_home_or_are_lost_count_no_more() {
     let mut scenario = Scenario::default();
-    scenario.battery.endurance_s = 400.0;
-    scenario.losses = vec![LossTable { drone: 2, at_s: 200.0 }];
+    scenario.battery.endurance_s = 600.0;
+    scenario.losses = vec![LossTable { drone: 2, at_s: 250.0 }];
     let track = flown(&scenario, 10_000.0, 500, 1);
     let up: Vec<usize> = track.seconds().map(<[V2]>::len).collect();
     assert_eq!((up[0], up[100], up[200], up[500]), (6, 6, 5, 0));

@@ -19,7 +19,7 @@ use skyroost_firmware::{STEP_US, guidance::goto};
 use skyroost_protocol::units::{DroneId, TimePs};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Steps between two words of the commander: 40 ms, as in missions.
+/// Steps between two words of the commander: 40 ms, of which a second is a multiple.
 const WINDOW_STEPS: u64 = 2;
 /// Steps of a second.
 const SECOND_STEPS: u64 = 1_000_000 / STEP_US as u64;
