@@ -79,6 +79,9 @@ impl Peer {
     #[must_use]
     pub fn keep_out_m(&self, now: TimePs) -> f32 {
         let (_, silent_s) = self.ages_s(now);
+        if silent_s <= 0.0 {
+            return 0.0;
+        }
         let half_way_m = 0.5 * self.state.vel_enu_mps.norm() * lesser(silent_s, FLIES_ON.as_secs_f32());
         half_way_m + lesser(DRIFT_MPS * silent_s, DRIFT_LIMIT_M)
     }
