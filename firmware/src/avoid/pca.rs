@@ -67,8 +67,11 @@ pub fn rows(a: &Mover, neighbour: &Neighbour, mut emit: impl FnMut(HalfPlane)) {
     if let Some(row) = stop_row(a, neighbour) {
         emit(row);
     }
+    if neighbour.part == Part::Nothing {
+        return;
+    }
     let Some(Approach { tau_s, pass_m }) = approach(a, b) else { return };
-    if tau_s <= 0.0 || neighbour.part == Part::Nothing {
+    if tau_s <= 0.0 {
         return;
     }
     let tau = within(tau_s, SOONEST_S, HORIZON_S);

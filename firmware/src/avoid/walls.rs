@@ -64,9 +64,7 @@ pub fn row(own: &Mover, wall: &Wall, keep_m: f32) -> Option<HalfPlane> {
     let reach_m = soon_mps * soon_mps / (2.0 * BRAKE_MPS2) + wall.radius_m + keep_m;
     let at_m = own.pos_enu_m.xy();
     // Most walls are far away on one of the axes already.
-    let is_beyond = |at: f32, a: f32, b: f32| {
-        at < lesser(a, b) - reach_m || at > greater(a, b) + reach_m
-    };
+    let is_beyond = |at: f32, a: f32, b: f32| at < lesser(a, b) - reach_m || at > greater(a, b) + reach_m;
     if is_beyond(at_m.x, wall.a_m.x, wall.b_m.x) || is_beyond(at_m.y, wall.a_m.y, wall.b_m.y) {
         return None;
     }
