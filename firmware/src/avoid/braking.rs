@@ -43,6 +43,21 @@ pub fn keep_m(l: &Vec3, v: &Vec3, neighbour: &Neighbour, spare_m: f32) -> Option
     (l.norm_squared() < near_m * near_m).then_some(keep_m)
 }
 
+/// Whether A has nothing to do with a neighbour for now by braking paths: neither at its velocity, by `spare_m`, nor at
+/// any that it can change to by `change_mps`.
+#[must_use]
+pub fn is_clear(a: &Mover, neighbour: &Neighbour, spare_m: f32, change_mps: f32) -> bool {
+    let (v, w) = (&a.vel_enu_mps, &neighbour.mover.vel_enu_mps);
+    let (relative_mps, speed_mps, other_mps) = ((v - w).norm(), v.norm(), w.norm());
+    let near_m = |more_mps: f32, spare_m: f32| {
+        let speed_mps = speed_mps + more_mps;
+        let ways_m = ways_m(relative_mps + more_mps, speed_mps, other_mps);
+        neighbour.keep_m + PER_SPEED_S * (speed_mps + other_mps) + ways_m + spare_m
+    };
+    let near_m = greater(near_m(0.0, spare_m), near_m(change_mps, 0.0));
+    (a.pos_enu_m - neighbour.mover.pos_enu_m).norm_squared() > near_m * near_m
+}
+
 /// Bound of how far two can shift against each other while both brake, metres: never farther than both ways together,
 /// `(v^2 + w^2) / 2 b`, and hardly at all where both fly alike, as mates do. There what the shared part of the velocity makes of two
 /// braking times, and its difference in either, comes to `|v - w| (v + w) / 2 b` at most.
@@ -119,6 +134,17 @@ mod tests {
             let w = w + (v - w) * alike;
             let least_m = l.norm() - ways_m((v - w).norm(), v.norm(), w.norm());
             prop_assert!(closest(&l, &v, &w).rel_m.norm() > least_m - 1e-3);
+        }
+
+        /// Who is clear has no meeting, at any velocity that it may change to.
+        #[test]
+        fn who_is_clear_meets_nobody(l in vector(120.0), v in vector(10.0), w in vector(10.0), change in vector(0.8)) {
+            let a = Mover { pos_enu_m: l, vel_enu_mps: v };
+            let neighbour = Neighbour { mover: Mover { vel_enu_mps: w, ..Mover::default() }, keep_m: 12.0, ..Neighbour::default() };
+            if is_clear(&a, &neighbour, 20.0, 1.5) {
+                prop_assert_eq!(meeting(&a, &v, &neighbour, 20.0), None);
+                prop_assert_eq!(meeting(&a, &(v + change), &neighbour, 0.0), None);
+            }
         }
 
         /// B sees the same from the other side.

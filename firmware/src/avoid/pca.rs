@@ -28,7 +28,7 @@ const STANDING_MPS: f32 = 1.5;
 /// How far a half-plane then leans to the left of the other drone.
 const STANDING_LEAN: f32 = 0.4;
 /// Where braking paths keep this much more than they have to, their row would bind nobody, metres.
-const STOP_SPARE_M: f32 = 20.0;
+pub(super) const STOP_SPARE_M: f32 = 20.0;
 
 /// Something with a position and a velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
