@@ -1,11 +1,6 @@
 //! What the drone knows of its neighbours: the last shared state of each, aged.
 
-use crate::{
-    Vec3,
-    avoid::pca::Mover,
-    counters::Counters,
-    scalar::{greater, lesser},
-};
+use crate::{Vec3, avoid::pca::Mover, counters::Counters, scalar::lesser};
 use heapless::Vec;
 use skyroost_protocol::{
     message::{Manner, PeerState},
@@ -57,13 +52,10 @@ impl Peer {
     pub fn predicted(&self, now: TimePs) -> Mover {
         let Mover { pos_enu_m, vel_enu_mps } = self.state;
         let (heard_s, silent_s) = self.ages_s(now);
-        let moves = if silent_s <= 0.0 {
-            1.0
-        } else if silent_s < FLIES_ON.as_secs_f32() {
-            0.5
-        } else {
-            0.0
-        };
+        if silent_s <= 0.0 {
+            return Mover { pos_enu_m: pos_enu_m + vel_enu_mps * heard_s, vel_enu_mps };
+        }
+        let moves = if silent_s < FLIES_ON.as_secs_f32() { 0.5 } else { 0.0 };
         let middle_s = heard_s + 0.5 * lesser(silent_s, FLIES_ON.as_secs_f32());
         Mover { pos_enu_m: pos_enu_m + vel_enu_mps * middle_s, vel_enu_mps: vel_enu_mps * moves }
     }
@@ -79,6 +71,9 @@ impl Peer {
     #[must_use]
     pub fn keep_out_m(&self, now: TimePs) -> f32 {
         let (_, silent_s) = self.ages_s(now);
+        if silent_s <= 0.0 {
+            return 0.0;
+        }
         let half_way_m = 0.5 * self.state.vel_enu_mps.norm() * lesser(silent_s, FLIES_ON.as_secs_f32());
         half_way_m + lesser(DRIFT_MPS * silent_s, DRIFT_LIMIT_M)
     }
@@ -86,7 +81,10 @@ impl Peer {
     /// Age of the state as long as it is fresh, and for how long the neighbour has been silent since, seconds.
     fn ages_s(&self, now: TimePs) -> (f32, f32) {
         let age = now.since(self.time);
-        (age.min(FRESH).as_secs_f32(), greater(age.since(FRESH).as_secs_f32(), 0.0))
+        if age <= FRESH {
+            return (age.as_secs_f32(), 0.0);
+        }
+        (FRESH.as_secs_f32(), age.since(FRESH).as_secs_f32())
     }
 }
 

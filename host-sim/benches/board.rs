@@ -19,9 +19,8 @@ use skyroost_host_sim::{
         Backend, Board, BoardFigures, BoardReport,
         qemu::{Emulator, Launcher, QemuOptions},
     },
-    geometry::{V2, polygon::Polygon},
     rng::{Stream, stream},
-    runner::{MissionArea, MissionInput, RunOptions, fly},
+    runner::{MissionInput, RunOptions, fly},
     scenario::LoadedScenario,
 };
 use skyroost_protocol::{
@@ -90,15 +89,7 @@ fn main() {
 fn mission(options: QemuOptions, duration_s: f64) -> Vec<BoardReport> {
     let mut scenario = LoadedScenario::paper().scenario;
     scenario.mission.duration_s = Some(duration_s);
-    let corners = [[0.0, 0.0], [10_000.0, 0.0], [10_000.0, 10_000.0], [0.0, 10_000.0]].map(V2::from);
-    let polygon = Polygon::new(&corners).expect("a square is a polygon");
-    let area = MissionArea {
-        name: "the paper's square".to_owned(),
-        region: polygon.into(),
-        origin_lon_lat_deg: None,
-        left_out: Vec::new(),
-    };
-    let input = MissionInput { scenario, area, obstacles: Vec::new(), fence: None, users: None };
+    let input = MissionInput::of_rectangle(scenario).expect("a square has an area");
     let cancel = AtomicBool::new(false);
     let backend = Backend::Qemu(options);
     let options = RunOptions { threads: 2, backend, cancel: &cancel, progress: &|_| {} };

@@ -4,11 +4,15 @@
 //! unless it says otherwise; a campaign uses all cores, and loses nothing by it, as runs share nothing.
 
 use std::hint::black_box;
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use skyroost_host_sim::campaign::plan::{Method, Plan, PlanOverrides};
 use skyroost_host_sim::campaign::{Closed, Flown, Timed};
+use skyroost_host_sim::fleet::Backend;
+use skyroost_host_sim::runner::{MissionInput, RunOptions, fly};
+use skyroost_host_sim::scenario::Scenario;
 
 /// Runs to average over in the closed model.
 const RUNS: u64 = 5;
@@ -19,7 +23,8 @@ fn main() {
     let quick = std::env::args().any(|arg| arg == "--quick");
     closed_by_users();
     closed_by_drones(quick);
-    flown(quick);
+    flown();
+    swept(quick);
 }
 
 fn plan(campaign: &str, rest: &str) -> Plan {
@@ -66,24 +71,65 @@ fn closed_by_drones(quick: bool) {
     }
 }
 
-fn flown(quick: bool) {
-    println!("\nflown, 5 users/km², one mission on one thread");
-    println!("{:>10} {:>12} {:>24} {:>16}", "drones", "s a mission", "ns a drone-second", "missions an hour");
-    for drones in if quick { &[6][..] } else { &[6, 12, 24] } {
-        let side_m = 10_000.0 * (f64::from(*drones) / 6.0).sqrt();
-        let campaign = format!(
-            "fidelity = \"flight\"\ndensities_per_km2 = [5]\ndrones = [{drones}]\nmethods = [\"full\"]"
+/// Whole missions as a campaign flies them, on one thread each.
+fn flown() {
+    println!("\nflown, 5 users/km², six drones");
+    let plan = plan("fidelity = \"flight\"\ndensities_per_km2 = [5]", "");
+    let (flown, cores) = (Flown::new(&plan), std::thread::available_parallelism().map_or(1, usize::from));
+    let began = Instant::now();
+    let missions: Vec<f64> = (0..plan.runs())
+        .filter_map(|number| plan.run(number))
+        .map(|run| {
+            let began = Instant::now();
+            black_box(flown.rows(&run, &AtomicBool::new(false))).expect("the mission flies");
+            began.elapsed().as_secs_f64()
+        })
+        .collect();
+    let mean_s = began.elapsed().as_secs_f64() / missions.len() as f64;
+    let worst_s = missions.iter().copied().fold(0.0, f64::max);
+    println!(
+        "{mean_s:.2} s a mission with all methods, {worst_s:.2} s at most; {:.0} missions an hour on {cores} cores",
+        cores as f64 * 3600.0 / mean_s
+    );
+}
+
+/// The sweep alone, on all cores: fleets start where their lanes are, the area grows with them.
+fn swept(quick: bool) {
+    const SIMULATED_S: f64 = 1_000.0;
+    println!("\nswept for {SIMULATED_S} s, the area grown with the drones, all cores");
+    println!("{:>10} {:>12} {:>24} {:>16}", "drones", "s", "us a drone-second", "x real time");
+    for fleets in if quick { &[2, 20][..] } else { &[2, 20, 200] } {
+        let (drones, side_m) = (3 * fleets, 10_000.0 * (f64::from(*fleets) / 2.0).sqrt());
+        let rows = f64::from(*fleets).sqrt().ceil();
+        let pitch_m = side_m / rows;
+        let corner_m = |fleet: i32| {
+            let (row, column) = ((f64::from(fleet) / rows).floor(), f64::from(fleet) % rows);
+            [(column + 0.5) * pitch_m, (row + 0.5) * pitch_m]
+        };
+        let pad = |[x, y]: [f64; 2], [east, north]: [f64; 2]| format!("[{:.0}, {:.0}]", x + east, y + north);
+        let triangle = [[0.0, 0.0], [50.0, 0.0], [25.0, 43.0]];
+        let pads: Vec<String> =
+            (0..*fleets).flat_map(|fleet| triangle.map(|at| pad(corner_m(fleet), at))).collect();
+        let toml = format!(
+            "[area]\nwidth_m = {side_m}\nheight_m = {side_m}\n[fleet]\ndrones = {drones}\npads_m = [{}]\n\
+             [battery]\nendurance_s = 100000\n[mission]\nduration_s = {SIMULATED_S}\n",
+            pads.join(", ")
         );
-        let plan = plan(&campaign, &format!("[area]\nwidth_m = {side_m}\nheight_m = {side_m}"));
-        let (flown, run) = (Flown::new(&plan), plan.run(0).expect("a run"));
-        let begun = Instant::now();
-        black_box(flown.rows(&run, &AtomicBool::new(false))).expect("the mission flies");
-        let s = begun.elapsed().as_secs_f64();
-        // Climb, transit and refinement aside, a mission lasts as long as its sweep.
+        let scenario = Scenario::from_toml(&toml, "bench", Path::new(".")).expect("the scenario is good");
+        let input = MissionInput::of_rectangle(scenario).expect("a rectangle");
+        let options = RunOptions {
+            threads: 0,
+            backend: Backend::InProc,
+            cancel: &AtomicBool::new(false),
+            progress: &|_| {},
+        };
+        let timing = black_box(fly(&input, &options)).expect("the mission flies").summary.timing;
+        let drone_s = f64::from(drones) * timing.simulated_s;
         println!(
-            "{drones:>10} {s:>12.2} {:>24.0} {:>16.0}",
-            1e9 * s / (f64::from(*drones) * MISSION_S),
-            3600.0 / s
+            "{drones:>10} {:>12.2} {:>24.1} {:>16.0}",
+            timing.wall_s,
+            1e6 * timing.wall_s / drone_s,
+            timing.realtime_factor
         );
     }
 }

@@ -5,8 +5,7 @@
 
 use skyroost_host_sim::{
     fleet::Backend,
-    geometry::{V2, polygon::Polygon},
-    runner::{MissionArea, MissionInput, Outcome, RunOptions, fly},
+    runner::{MissionInput, Outcome, RunOptions, fly},
     scenario::LoadedScenario,
 };
 use std::sync::atomic::AtomicBool;
@@ -14,20 +13,7 @@ use std::sync::atomic::AtomicBool;
 const RUNS: u32 = 5;
 
 fn main() {
-    let corners = [[0.0, 0.0], [10_000.0, 0.0], [10_000.0, 10_000.0], [0.0, 10_000.0]].map(V2::from);
-    let polygon = Polygon::new(&corners).expect("a square is a polygon");
-    let input = MissionInput {
-        scenario: LoadedScenario::paper().scenario,
-        area: MissionArea {
-            name: "the paper's square".to_owned(),
-            region: polygon.into(),
-            origin_lon_lat_deg: None,
-            left_out: Vec::new(),
-        },
-        obstacles: Vec::new(),
-        fence: None,
-        users: None,
-    };
+    let input = MissionInput::of_rectangle(LoadedScenario::paper().scenario).expect("a square has an area");
     let cancel = AtomicBool::new(false);
     let options = RunOptions { threads: 1, backend: Backend::InProc, cancel: &cancel, progress: &|_| {} };
     let mut best: Option<Outcome> = None;

@@ -32,12 +32,38 @@ pub struct Closest {
 #[must_use]
 pub fn keep_m(l: &Vec3, v: &Vec3, neighbour: &Neighbour, spare_m: f32) -> Option<f32> {
     let w = &neighbour.mover.vel_enu_mps;
+    let c = v - w;
+    let approach = l.dot(&c) < 0.0;
+    if !approach {
+        return None;
+    }
     let (speed, other_speed) = (v.norm(), w.norm());
     let keep_m = neighbour.keep_m + PER_SPEED_S * (speed + other_speed);
-    let ways_m = (speed * speed + other_speed * other_speed) * (0.5 / BRAKE_MPS2);
-    let near_m = keep_m + spare_m + ways_m;
-    let meet = l.dot(&(v - w)) < 0.0 && l.norm_squared() < near_m * near_m;
-    meet.then_some(keep_m)
+    let near_m = keep_m + spare_m + ways_m(c.norm(), speed, other_speed);
+    (l.norm_squared() < near_m * near_m).then_some(keep_m)
+}
+
+/// Whether A has nothing to do with a neighbour for now by braking paths: neither at its velocity, by `spare_m`, nor at
+/// any that it can change to by `change_mps`.
+#[must_use]
+pub fn is_clear(a: &Mover, neighbour: &Neighbour, spare_m: f32, change_mps: f32) -> bool {
+    let (v, w) = (&a.vel_enu_mps, &neighbour.mover.vel_enu_mps);
+    let (relative_mps, speed_mps, other_mps) = ((v - w).norm(), v.norm(), w.norm());
+    let near_m = |more_mps: f32, spare_m: f32| {
+        let speed_mps = speed_mps + more_mps;
+        let ways_m = ways_m(relative_mps + more_mps, speed_mps, other_mps);
+        neighbour.keep_m + PER_SPEED_S * (speed_mps + other_mps) + ways_m + spare_m
+    };
+    let near_m = greater(near_m(0.0, spare_m), near_m(change_mps, 0.0));
+    (a.pos_enu_m - neighbour.mover.pos_enu_m).norm_squared() > near_m * near_m
+}
+
+/// Bound of how far two can shift against each other while both brake, metres: never farther than both ways together,
+/// `(v^2 + w^2) / 2 b`, and hardly at all where both fly alike, as mates do. There what the shared part of the velocity makes of two
+/// braking times, and its difference in either, comes to `|v - w| (v + w) / 2 b` at most.
+fn ways_m(relative_mps: f32, speed_mps: f32, other_mps: f32) -> f32 {
+    let apart = speed_mps * speed_mps + other_mps * other_mps;
+    lesser(apart, relative_mps * (speed_mps + other_mps)) * (0.5 / BRAKE_MPS2)
 }
 
 /// Closest approach of A, at velocity `v` and seen from B at `l`, and of B, at velocity `w`, while both brake.
@@ -100,6 +126,25 @@ mod tests {
             };
             let least = (0..800).map(at).fold(f32::INFINITY, lesser);
             prop_assert!((found - least).abs() < 0.6, "{} {}", found, least);
+        }
+
+        /// Nobody who is passed over comes nearer than what is to be kept.
+        #[test]
+        fn truth_ways_bound_the_shift(l in vector(60.0), v in vector(10.0), w in vector(10.0), alike in 0.0f32..1.0) {
+            let w = w + (v - w) * alike;
+            let least_m = l.norm() - ways_m((v - w).norm(), v.norm(), w.norm());
+            prop_assert!(closest(&l, &v, &w).rel_m.norm() > least_m - 1e-3);
+        }
+
+        /// Who is clear has no meeting, at any velocity that it may change to.
+        #[test]
+        fn who_is_clear_meets_nobody(l in vector(120.0), v in vector(10.0), w in vector(10.0), change in vector(0.8)) {
+            let a = Mover { pos_enu_m: l, vel_enu_mps: v };
+            let neighbour = Neighbour { mover: Mover { vel_enu_mps: w, ..Mover::default() }, keep_m: 12.0, ..Neighbour::default() };
+            if is_clear(&a, &neighbour, 20.0, 1.5) {
+                prop_assert_eq!(meeting(&a, &v, &neighbour, 20.0), None);
+                prop_assert_eq!(meeting(&a, &(v + change), &neighbour, 0.0), None);
+            }
         }
 
         /// B sees the same from the other side.

@@ -10,7 +10,7 @@ use crate::{Vec3, guidance::limited, scalar::lesser};
 
 /// What a velocity can change until the next state of a neighbour is heard, metres a second: a velocity is judged by
 /// what it makes of the present one in that time. Else turns that take a second would count as made.
-const REACHED_MPS: f32 = 1.5;
+pub(super) const REACHED_MPS: f32 = 1.5;
 
 /// Turned and slowed velocities to try, as shares along the wanted one and to its left: the nearest to it first.
 const TRIES: [(f32, f32); 12] = [

@@ -124,6 +124,22 @@ impl Separation {
         self.d_safe_m + (self.own_error_m + other_error_m) * KEEP_ERRORS + KEEP_SLACK_M
     }
 
+    /// Whether a peer flies in the same formation.
+    fn is_mate(&self, peer: &Peer) -> bool {
+        peer.manner().fleet().is_some_and(|fleet| self.manner.fleet() == Some(fleet))
+    }
+
+    /// A peer as a neighbour by itself.
+    fn neighbour(&self, peer: &Peer, now: TimePs) -> Neighbour {
+        let (error_m, keep_out_m) = (peer.error_radius_m(), peer.keep_out_m(now));
+        Neighbour {
+            mover: peer.predicted(now),
+            plan_m: self.plan_m(error_m) + keep_out_m,
+            keep_m: self.keep_m(error_m) + keep_out_m,
+            part: self.part(peer.manner()),
+        }
+    }
+
     /// The part of the displacement that is this drone's.
     fn part(&self, others: Manner) -> Part {
         match (self.manner == Manner::UNABLE, others == Manner::UNABLE) {
@@ -205,7 +221,13 @@ impl<'a> Near<'a> {
             if !is_in_reach(&centre_m, peer, peers) {
                 continue;
             }
-            let away_m2 = (peer.predicted(now).pos_enu_m - own.pos_enu_m).norm_squared();
+            let neighbour = separation.neighbour(peer, now);
+            // A mate is only ever braked for, and in its slot it is too far away for that.
+            let is_mate = separation.is_mate(peer);
+            if is_mate && braking::is_clear(own, &neighbour, pca::STOP_SPARE_M, gate::REACHED_MPS) {
+                continue;
+            }
+            let away_m2 = (neighbour.mover.pos_enu_m - own.pos_enu_m).norm_squared();
             // As many as there are peers.
             let _ = order.push((away_m2, index as u8));
             let mut sorted = order.as_mut_slice();
@@ -220,7 +242,7 @@ impl<'a> Near<'a> {
 
     /// Every neighbour for itself.
     fn each(&self) -> impl Iterator<Item = Neighbour> {
-        self.near().map(|peer| self.alone(peer))
+        self.near().map(|peer| self.separation.neighbour(peer, self.now))
     }
 
     /// Neighbours, with a fleet in formation as one body: its circle keeps clear of others, so that its drones shift alike and
@@ -229,8 +251,8 @@ impl<'a> Near<'a> {
         self.near().filter_map(|peer| match self.formation(peer) {
             Some((formation, nearest)) => (nearest == peer.drone()).then_some(formation),
             None => {
-                let mut neighbour = self.alone(peer);
-                if self.is_mate(peer) {
+                let mut neighbour = self.separation.neighbour(peer, self.now);
+                if self.separation.is_mate(peer) {
                     // Its slot keeps it where it is: gusts that push two mates towards each other are no course to pass on.
                     neighbour.part = Part::Nothing;
                 } else {
@@ -241,30 +263,15 @@ impl<'a> Near<'a> {
         })
     }
 
-    /// Whether a peer flies in the same formation.
-    fn is_mate(&self, peer: &Peer) -> bool {
-        peer.manner().fleet().is_some_and(|fleet| self.separation.manner.fleet() == Some(fleet))
-    }
-
     fn near(&self) -> impl Iterator<Item = &'a Peer> {
         self.order.iter().filter_map(|&(_, index)| self.peers.get(usize::from(index)))
-    }
-
-    fn alone(&self, peer: &Peer) -> Neighbour {
-        let (error_m, keep_out_m) = (peer.error_radius_m(), peer.keep_out_m(self.now));
-        Neighbour {
-            mover: peer.predicted(self.now),
-            plan_m: self.separation.plan_m(error_m) + keep_out_m,
-            keep_m: self.separation.keep_m(error_m) + keep_out_m,
-            part: self.separation.part(peer.manner()),
-        }
     }
 
     /// Another fleet in formation as one neighbour, and the nearest of its drones: their mean, with a circle around all
     /// three. None unless all are heard of lately, and the circle is still clear of this drone or of its own circle.
     fn formation(&self, of: &Peer) -> Option<(Neighbour, DroneId)> {
         let fleet = of.manner().fleet()?;
-        if self.is_mate(of) {
+        if self.separation.is_mate(of) {
             return None;
         }
         let members = || self.peers.iter().filter(move |peer| peer.manner().fleet() == Some(fleet));

@@ -28,7 +28,7 @@ const STANDING_MPS: f32 = 1.5;
 /// How far a half-plane then leans to the left of the other drone.
 const STANDING_LEAN: f32 = 0.4;
 /// Where braking paths keep this much more than they have to, their row would bind nobody, metres.
-const STOP_SPARE_M: f32 = 20.0;
+pub(super) const STOP_SPARE_M: f32 = 20.0;
 
 /// Something with a position and a velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -67,8 +67,11 @@ pub fn rows(a: &Mover, neighbour: &Neighbour, mut emit: impl FnMut(HalfPlane)) {
     if let Some(row) = stop_row(a, neighbour) {
         emit(row);
     }
+    if neighbour.part == Part::Nothing {
+        return;
+    }
     let Some(Approach { tau_s, pass_m }) = approach(a, b) else { return };
-    if tau_s <= 0.0 || neighbour.part == Part::Nothing {
+    if tau_s <= 0.0 {
         return;
     }
     let tau = within(tau_s, SOONEST_S, HORIZON_S);

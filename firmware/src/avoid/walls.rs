@@ -8,7 +8,7 @@
 use super::{halfplanes::HalfPlane, pca::Mover};
 use crate::{
     Vec2, Vec3,
-    scalar::{lesser, within},
+    scalar::{greater, lesser, within},
 };
 use heapless::Vec;
 
@@ -60,14 +60,21 @@ pub fn row(own: &Mover, wall: &Wall, keep_m: f32) -> Option<HalfPlane> {
     if own.pos_enu_m.z >= wall.top_m + keep_m {
         return None;
     }
+    let soon_mps = own.vel_enu_mps.norm() + SPEED_UP_MPS;
+    let reach_m = soon_mps * soon_mps / (2.0 * BRAKE_MPS2) + wall.radius_m + keep_m;
+    let at_m = own.pos_enu_m.xy();
+    // Most walls are far away on one of the axes already.
+    let is_beyond = |at: f32, a: f32, b: f32| at < lesser(a, b) - reach_m || at > greater(a, b) + reach_m;
+    if is_beyond(at_m.x, wall.a_m.x, wall.b_m.x) || is_beyond(at_m.y, wall.a_m.y, wall.b_m.y) {
+        return None;
+    }
     let axis = wall.b_m - wall.a_m;
-    let from_a = own.pos_enu_m.xy() - wall.a_m;
+    let from_a = at_m - wall.a_m;
     let square = axis.norm_squared();
     let share = if square > 0.0 { within(from_a.dot(&axis) / square, 0.0, 1.0) } else { 0.0 };
     let out = from_a - axis * share;
     let distance_m = out.norm();
     let room_m = distance_m - wall.radius_m - keep_m;
-    let soon_mps = own.vel_enu_mps.norm() + SPEED_UP_MPS;
     let near = 2.0 * BRAKE_MPS2 * room_m < soon_mps * soon_mps;
     // A distance that is no number is none to brake for.
     if !near || !distance_m.is_finite() {
@@ -105,7 +112,7 @@ pub fn rows(own: &Mover, walls: impl Iterator<Item = Wall>, keep_m: f32) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{guidance::limited, scalar::greater};
+    use crate::guidance::limited;
     use proptest::prelude::*;
 
     const KEEP_M: f32 = 2.5;

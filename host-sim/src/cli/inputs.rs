@@ -3,7 +3,6 @@
 
 use crate::control::area::{Area, AreaError, read_fence, read_obstacles};
 use crate::geometry::frame::LocalFrame;
-use crate::geometry::{V2, polygon::Polygon};
 use crate::runner::{InputError, MissionArea, MissionInput, RunError};
 use crate::scenario::{LoadedScenario, Overrides, Scenario};
 use crate::world::users::read_users;
@@ -60,9 +59,5 @@ fn area(scenario: &Scenario) -> Result<MissionArea, InputError> {
             left_out: area.left_out,
         });
     }
-    let (east, north) = (table.width_m, table.height_m);
-    let corners = [[0.0, 0.0], [east, 0.0], [east, north], [0.0, north]].map(V2::from);
-    let name = "area.width_m and area.height_m".to_owned();
-    let region = Polygon::new(&corners)?.into();
-    Ok(MissionArea { name, region, origin_lon_lat_deg: None, left_out: Vec::new() })
+    MissionArea::rectangle(scenario)
 }

@@ -3,6 +3,8 @@
 //! The control center sends drones only to places that are allowed, on ways that are free, from corner to corner. The
 //! same obstacles and the fence go on board as walls (`firmware::avoid::walls`), for whatever drifts off its way.
 
+use std::f64::consts::FRAC_PI_2;
+
 use skyroost_protocol::message::WAYPOINTS_PER_WALL;
 
 use crate::control::area::Obstacle;
@@ -43,12 +45,30 @@ pub fn zones(obstacles: &[Obstacle], altitude_m: f64, clearance_m: f64) -> Vec<P
     if footprints.is_empty() { footprints } else { grown(&footprints, clearance_m) }
 }
 
-/// A fence around some points: their convex hull, widened. None where they are no area.
+/// A fence around some points: their convex hull with every side moved out. None where they are no area.
+///
+/// Sides meet in a corner where they turn by a right angle at most, and in more where they turn farther, so that no corner
+/// lies more than 1.42 times as far out. Every drone holds the fence and looks at each of its sides in every step: few
+/// of them, rather than round corners.
 #[must_use]
 pub fn fence_around(points_m: &[V2], by_m: f64) -> Option<Polygon> {
-    let hull = |points: &[V2]| Polygon::new(&convex_hull(points)).ok();
-    // Arcs are rounded to a grid, which may bend them inwards by as much.
-    grown(&[hull(points_m)?], by_m).first().and_then(|grown| hull(grown.vertices_m()))
+    let hull = Polygon::new(&convex_hull(points_m)).ok()?;
+    let v = hull.vertices_m();
+    let turned = |n: V2, by_rad: f64| {
+        let (sin, cos) = by_rad.sin_cos();
+        V2::new(n.x * cos - n.y * sin, n.x * sin + n.y * cos)
+    };
+    let corners = (0..v.len()).flat_map(|i| {
+        let [before, at, after] = [v[(i + v.len() - 1) % v.len()], v[i], v[(i + 1) % v.len()]];
+        let [from, to] = [at - before, after - at].map(|side| side.normalize());
+        let turn_rad = from.perp(&to).atan2(from.dot(&to));
+        let pieces = (turn_rad / FRAC_PI_2 - 1e-9).ceil().max(1.0);
+        let piece_rad = turn_rad / pieces;
+        let outwards = V2::new(from.y, -from.x) * (by_m / (0.5 * piece_rad).cos());
+        (0..pieces as u32).map(move |piece| at + turned(outwards, (f64::from(piece) + 0.5) * piece_rad))
+    });
+    // Corners of a side that is shorter than rounding may lie inwards of their neighbours.
+    Polygon::new(&convex_hull(&corners.collect::<Vec<V2>>())).ok()
 }
 
 impl Airspace {
@@ -264,7 +284,22 @@ mod tests {
                 "{fence:?}"
             );
             assert!(points.iter().all(|p| fence.contains(*p) && border_distance_m(&fence, *p) > 141.9));
+            let hull = convex_hull(&points);
+            let nearest_m =
+                |corner: &V2| hull.iter().map(|p| (p - corner).norm()).fold(f64::INFINITY, f64::min);
+            assert!(fence.vertices_m().iter().all(|corner| nearest_m(corner) < 142.0 * 1.415), "{fence:?}");
         }
+    }
+
+    #[test]
+    fn a_fence_has_no_more_sides_than_it_needs() {
+        let sides = |points: &[[f64; 2]]| {
+            let points: Vec<V2> = points.iter().copied().map(V2::from).collect();
+            fence_around(&points, 100.0).unwrap().vertices_m().len()
+        };
+        assert_eq!(sides(&[[0.0, 0.0], [900.0, 0.0], [900.0, 500.0], [0.0, 500.0]]), 4);
+        // The sharp end of a wedge is cut off.
+        assert_eq!(sides(&[[0.0, 0.0], [900.0, 0.0], [900.0, 100.0]]), 5);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::{
     },
     fleet::{Backend, BackendError, BoardError, BoardReport, ImageError},
     geometry::{
+        V2,
         polygon::{Polygon, PolygonError},
         region::Region,
     },
@@ -37,6 +38,17 @@ pub struct MissionInput {
     pub users: Option<Vec<User>>,
 }
 
+impl MissionInput {
+    /// A scenario whose area is its rectangle, and which names no other file.
+    ///
+    /// # Errors
+    /// [`InputError::Polygon`] for a rectangle without an area.
+    pub fn of_rectangle(scenario: Scenario) -> Result<Self, InputError> {
+        let area = MissionArea::rectangle(&scenario)?;
+        Ok(Self { scenario, area, obstacles: Vec::new(), fence: None, users: None })
+    }
+}
+
 /// The area to sweep.
 #[derive(Clone, Debug)]
 pub struct MissionArea {
@@ -48,6 +60,20 @@ pub struct MissionArea {
     pub origin_lon_lat_deg: Option<[f64; 2]>,
     /// What its file holds beside it and is not used, for people.
     pub left_out: Vec<String>,
+}
+
+impl MissionArea {
+    /// The scenario's rectangle, with its south-west corner at the origin.
+    ///
+    /// # Errors
+    /// [`InputError::Polygon`] for a rectangle without an area.
+    pub fn rectangle(scenario: &Scenario) -> Result<Self, InputError> {
+        let (width_m, height_m) = (scenario.area.width_m, scenario.area.height_m);
+        let corners = [[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]].map(V2::from);
+        let name = "area.width_m and area.height_m".to_owned();
+        let region = Polygon::new(&corners)?.into();
+        Ok(Self { name, region, origin_lon_lat_deg: None, left_out: Vec::new() })
+    }
 }
 
 /// How to fly, apart from what.

@@ -352,8 +352,10 @@ impl<'a> Users<'a> {
         let radius_m = setup.plan.radius_m;
         let fleet =
             Fleet { drones: setup.plan.drones.len(), min_separation_m: setup.plan.min_goal_distance_m };
+        let planned = flight.control.placement().is_some();
         let solved = |users: Vec<PlaceUser>| -> Result<Placement, RunError> {
-            let found = if users.len() > MOST_JUDGED_TOGETHER {
+            // A mission that ended before is not measured against the optimum, which takes its time.
+            let found = if users.len() > MOST_JUDGED_TOGETHER || !planned {
                 place(Objective::Guaranteed(&users), fleet)
             } else {
                 place_joint(&users, fleet, None)
@@ -363,15 +365,18 @@ impl<'a> Users<'a> {
         let user = |pos: [f64; 2], radius_m: f64| PlaceUser { pos_m: V2::from(pos), radius_m, weight: 1.0 };
         let guaranteed =
             solved(self.located().map(|(fix, _)| user(fix.pos_m, radius_m - fix.r95_m)).collect())?;
-        let on_truth = solved(self.truth.values().map(|pos| user(*pos, radius_m)).collect())?;
-        let on_truth = on_truth.upper_bound.floor() as u32;
+        let optimum_on_truth = if planned {
+            let on_truth = solved(self.truth.values().map(|pos| user(*pos, radius_m)).collect())?;
+            Some(on_truth.upper_bound.floor() as u32)
+        } else {
+            None
+        };
         let served = |by: &dyn Fn(UserId) -> Option<u16>| {
             self.truth.keys().filter(|u| by(**u).is_some()).count() as u32
         };
         let served_guaranteed = served(&|u| self.guaranteed_by(u, radius_m, sites));
         let served_actual = served(&|u| self.actually_by(u, radius_m, sites));
         let upper_bound = guaranteed.upper_bound.floor() as u32;
-        let planned = flight.control.placement().is_some();
         Ok(PlacementSummary {
             method: "joint".to_owned(),
             drones: sites
@@ -382,8 +387,9 @@ impl<'a> Users<'a> {
             served_actual,
             upper_bound,
             proved_optimal: planned && served_guaranteed == upper_bound,
-            optimum_on_truth: planned.then_some(on_truth),
-            served_ratio: (planned && on_truth > 0).then(|| f64::from(served_actual) / f64::from(on_truth)),
+            optimum_on_truth,
+            served_ratio: (optimum_on_truth.filter(|&optimum| optimum > 0))
+                .map(|optimum| f64::from(served_actual) / f64::from(optimum)),
         })
     }
 

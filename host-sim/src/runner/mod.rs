@@ -1,9 +1,10 @@
 //! Flies a mission: the world, the flight code and the control center in step.
 //!
-//! Time goes in windows of two steps. At the start of each the control center takes in what
-//! has arrived and sends what it has to say; then every island of drones (a fleet, or a reserve alone) runs through the
-//! window on its own, on whatever core is free. Nothing that an island does depends on another one within a
-//! window, so the bytes that come out do not depend on the number of threads.
+//! Time goes in windows. At the start of each the control center takes in what has arrived and sends what it has to
+//! say, every two steps of the window; then every island of drones (a fleet, or a reserve alone) runs through the
+//! window on its own, on whatever core is free. No frame is faster than its link's least delay, which is what allows to look
+//! ahead: nothing that the control center or another island does within a window depends on what an island does in it. So
+//! the bytes that come out depend neither on the length of a window nor on the number of threads.
 
 mod clear;
 mod digest;
@@ -45,11 +46,16 @@ use std::{
 use watch::{FleetWatch, Separation};
 
 /// Steps between two words of the control center: 40 ms.
-const WINDOW_STEPS: u64 = 2;
+const CONTROL_STEPS: u64 = 2;
+/// Most words of the control center in a window. The longer a window, the more steps a drone flies while all that it
+/// consists of is in the cache; progress and the end of a mission are looked at once a window.
+const MOST_WORDS: u64 = 2;
 /// Fewer drones than this are not worth a second core: a window of one drone takes about a microsecond.
 const PARALLEL_FROM_DRONES: usize = 24;
-/// The formation is measured once in so many windows: every 0.12 s, half the lag of an attitude.
-const FORMATION_WINDOWS: u64 = 3;
+/// The formation is measured once in so many steps: every 0.12 s, half the lag of an attitude.
+const FORMATION_STEPS: u64 = 6;
+/// Positions are recorded once in so many steps: every second.
+const TRACK_STEPS: u64 = 50;
 /// Time flown on after every drone serves, seconds.
 const SERVE_FOR_S: f64 = 2.0;
 
@@ -81,7 +87,9 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
 
 /// A flight in progress and what was seen of it.
 struct Flight {
+    /// The first step of the window.
     step: u64,
+    window_steps: u64,
     control: ControlCenter,
     islands: Vec<Island>,
     /// Whether islands run on threads of their own.
@@ -104,6 +112,19 @@ struct Flight {
     watch_time: Duration,
 }
 
+/// When a step begins, seconds.
+fn step_s(step: u64) -> f64 {
+    (step as i64 * STEP_US) as f64 * 1e-6
+}
+
+/// Steps of a window with links that take so long at least: what the control center hears at its last word of the window must
+/// have been sent before the window.
+fn window_steps(delay_s: f64) -> u64 {
+    let period_s = CONTROL_STEPS as f64 * step_s(1);
+    let ahead = (delay_s / period_s - 1e-6).max(0.0) as u64;
+    (1 + ahead).min(MOST_WORDS) * CONTROL_STEPS
+}
+
 /// One window in so many is timed; odd, so that it takes turns with what happens every so many windows.
 const TIMED_WINDOW: u64 = 17;
 
@@ -123,8 +144,10 @@ impl Flight {
             fleet: d.fleet.map(|(fleet, _)| fleet as u16),
             track: Vec::new(),
         });
+        let window_steps = window_steps(scenario.link.delay_s);
         Ok(Self {
             step: 0,
+            window_steps,
             control: ControlCenter::new(setup.plan.clone()),
             parallel: remote || tracks.len() >= PARALLEL_FROM_DRONES,
             islands,
@@ -134,7 +157,7 @@ impl Flight {
             fleets: setup::fleet_watches(&setup.plan),
             tracks: tracks.collect(),
             phases: Vec::new(),
-            window_m: vec![pads_m; WINDOW_STEPS as usize],
+            window_m: vec![pads_m.clone(); window_steps as usize],
             outbox: Outbox::default(),
             place_of,
             reports: Vec::new(),
@@ -144,7 +167,7 @@ impl Flight {
     }
 
     fn now_s(&self) -> f64 {
-        (self.step as i64 * STEP_US) as f64 * 1e-6
+        step_s(self.step)
     }
 
     /// Flies until every drone serves, or to the scenario's cut-off.
@@ -152,15 +175,17 @@ impl Flight {
         let cut_off_s = input.scenario.mission.duration_s.unwrap_or(f64::INFINITY);
         let expected_s = self.expected_s();
         let mut serving_since_s = None;
-        self.note_phase();
-        self.record_tracks();
+        self.note_phase(0);
+        self.record_tracks(0, 0);
         while self.now_s() < cut_off_s {
-            let timed = (self.step / WINDOW_STEPS).is_multiple_of(TIMED_WINDOW);
+            let timed = (self.step / self.window_steps).is_multiple_of(TIMED_WINDOW);
             let clock = timed.then(Instant::now);
-            let stage = self.control.stage();
-            self.run_control()?;
-            if self.control.stage() != stage {
-                self.note_phase();
+            for at in (self.step..self.step + self.window_steps).step_by(CONTROL_STEPS as usize) {
+                let stage = self.control.stage();
+                self.run_control(at)?;
+                if self.control.stage() != stage {
+                    self.note_phase(at);
+                }
             }
             let controlled = clock.map(|clock| clock.elapsed());
             self.run_islands(timed)?;
@@ -170,8 +195,7 @@ impl Flight {
                 self.control_time += controlled;
                 self.watch_time += clock.elapsed() - flown;
             }
-            if self.step.is_multiple_of(50) {
-                self.record_tracks();
+            if self.step % TRACK_STEPS < self.window_steps {
                 let fraction = (self.now_s() / expected_s).min(0.99);
                 let phase = self.control.stage().name();
                 (options.progress)(Progress { phase, simulated_s: self.now_s(), fraction });
@@ -197,18 +221,19 @@ impl Flight {
         plan.altitude_m / 2.5 + 1.02 * longest_m / plan.speed_mps + 0.05 * longest_m / plan.speed_mps + 60.0
     }
 
-    fn run_control(&mut self) -> Result<(), MissionError> {
+    /// What the control center takes in and says at a step of the window.
+    fn run_control(&mut self, step: u64) -> Result<(), MissionError> {
         let Self { control, islands, outbox, place_of, .. } = self;
-        outbox.exchange(self.step * STEP_US as u64, control, islands, place_of)
+        outbox.exchange(step * STEP_US as u64, control, islands, place_of)
     }
 
     fn run_islands(&mut self, timed: bool) -> Result<(), RunError> {
-        let (first, around) = (self.step, &self.around);
+        let (first, count, around) = (self.step, self.window_steps, &self.around);
         let run = |island: &mut Island| {
             if timed {
-                island.run::<true>(first, WINDOW_STEPS, around)
+                island.run::<true>(first, count, around)
             } else {
-                island.run::<false>(first, WINDOW_STEPS, around)
+                island.run::<false>(first, count, around)
             }
         };
         if self.parallel {
@@ -216,7 +241,7 @@ impl Flight {
         } else {
             self.islands.iter_mut().try_for_each(run)?;
         }
-        self.step += WINDOW_STEPS;
+        self.step += self.window_steps;
         Ok(())
     }
 
@@ -229,43 +254,48 @@ impl Flight {
                 self.window_m[row / members][drone] = *position_m;
             }
         }
-        let end_s = self.now_s();
-        let dt_s = STEP_US as f64 * 1e-6;
-        let window_s = WINDOW_STEPS as f64 * dt_s;
-        for (row, positions_m) in self.window_m.iter().enumerate() {
-            let t_s = end_s - window_s + (row + 1) as f64 * dt_s;
+        let started_s = self.control.sweep_started().map_or(f64::INFINITY, |at| at.0 as f64 * 1e-12);
+        let sweeping = self.control.stage() == Stage::Sweep;
+        for row in 0..self.window_m.len() {
+            // A row is the end of its step.
+            let step = self.step - self.window_steps + row as u64 + 1;
+            let t_s = step_s(step);
+            let positions_m = &self.window_m[row];
             self.separation.moved(t_s, positions_m);
             self.clearance.moved(t_s, positions_m, &self.control.plan().airspace);
-        }
-        let started = self.control.sweep_started().map_or(f64::INFINITY, |at| at.0 as f64 * 1e-12);
-        let due = (self.step / WINDOW_STEPS).is_multiple_of(FORMATION_WINDOWS);
-        if due && self.control.stage() == Stage::Sweep && end_s > started {
-            let positions_m = self.window_m.last().expect("a window has steps");
-            let Self { fleets, control, islands, place_of, .. } = self;
-            let place_of = |id: DroneId| place_of[usize::from(id.0) - 1];
-            let is_lost = |id: &DroneId| {
-                let (island, member) = place_of(*id);
-                islands[island].drones[member].is_lost()
-            };
-            let whole = |fleet: &PlannedFleet| !fleet.mates.iter().any(is_lost);
-            let avoids = |id: &DroneId| control.conditions(*id) & Condition::Avoiding.bit() != 0;
-            // Two drones are no triangle: what they fly over is not covered.
-            for (watch, fleet) in fleets.iter_mut().zip(&control.plan().fleets).filter(|(_, it)| whole(it)) {
-                let avoiding = fleet.mates.iter().any(avoids);
-                watch.sweeping(end_s, fleet.mates.map(|id| positions_m[usize::from(id.0) - 1]), avoiding);
+            if sweeping && step.is_multiple_of(FORMATION_STEPS) && t_s > started_s {
+                self.watch_formations(t_s, row);
+            }
+            if step.is_multiple_of(TRACK_STEPS) {
+                self.record_tracks(step, row);
             }
         }
     }
 
-    fn note_phase(&mut self) {
-        let name = self.control.stage().name().to_owned();
-        self.phases.push(PhaseRecord { t_s: self.now_s(), name });
+    /// Measures all fleets that are whole; two drones are no triangle: what they fly over is not covered.
+    fn watch_formations(&mut self, t_s: f64, row: usize) {
+        let Self { fleets, control, islands, place_of, window_m, .. } = self;
+        let place_of = |id: DroneId| place_of[usize::from(id.0) - 1];
+        let is_lost = |id: &DroneId| {
+            let (island, member) = place_of(*id);
+            islands[island].drones[member].is_lost()
+        };
+        let whole = |fleet: &PlannedFleet| !fleet.mates.iter().any(is_lost);
+        let avoids = |id: &DroneId| control.conditions(*id) & Condition::Avoiding.bit() != 0;
+        for (watch, fleet) in fleets.iter_mut().zip(&control.plan().fleets).filter(|(_, it)| whole(it)) {
+            let avoiding = fleet.mates.iter().any(avoids);
+            watch.sweeping(t_s, fleet.mates.map(|id| window_m[row][usize::from(id.0) - 1]), avoiding);
+        }
     }
 
-    fn record_tracks(&mut self) {
-        let t_s = self.now_s();
-        let positions_m = self.window_m.last().expect("a window has steps");
-        for (record, position_m) in self.tracks.iter_mut().zip(positions_m) {
+    fn note_phase(&mut self, step: u64) {
+        let name = self.control.stage().name().to_owned();
+        self.phases.push(PhaseRecord { t_s: step_s(step), name });
+    }
+
+    fn record_tracks(&mut self, step: u64, row: usize) {
+        let t_s = step_s(step);
+        for (record, position_m) in self.tracks.iter_mut().zip(&self.window_m[row]) {
             record.track.push(TrackSample { t_s, pos_enu_m: (*position_m).into() });
         }
     }

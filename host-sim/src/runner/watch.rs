@@ -8,57 +8,85 @@ use skyroost_firmware::guidance::{
     formation::Slot,
     lanes::{ALONG_ACCEL_MPS2, Cursor, LATERAL_ACCEL_MPS2, Lanes},
 };
+use std::{
+    cmp::Reverse,
+    collections::{BinaryHeap, binary_heap::PeekMut},
+};
 
 /// Least separation over continuous time, pair by pair.
 ///
 /// A pair that is far apart cannot come near for a while: it is looked at again only when the two,
-/// flying at each other at the greatest speed, could have come nearer than anything seen so far.
+/// flying at each other at the greatest speed, could have come nearer than anything seen so far. Those that are far apart
+/// wait in a heap and cost nothing; the others are gone through, which is cheaper for few.
 pub(super) struct Separation {
-    drones: usize,
     d_safe_m: f64,
     closing_mps: f64,
     least_m: f64,
     violations: u32,
-    /// For each pair: next time to look, and whether it is too near now.
-    pairs: Vec<(f64, bool)>,
+    /// Pairs to look at soon.
+    near: Vec<Pair>,
+    /// All others, the next to look at on top.
+    far: BinaryHeap<Reverse<Pair>>,
     last_m: Vec<V3>,
 }
 
+/// Two drones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Pair {
+    /// When to look again, milliseconds.
+    look_ms: u64,
+    drones: [u16; 2],
+    /// Whether they are too near now.
+    violates: bool,
+}
+
+/// Pairs to be looked at within this time count as near, milliseconds.
+const SOON_MS: u64 = 1_000;
+
 impl Separation {
     pub(super) fn new(positions_m: &[V3], d_safe_m: f64, max_speed_mps: f64) -> Self {
-        let drones = positions_m.len();
+        let drones = 0..positions_m.len() as u16;
+        let pairs = drones.clone().flat_map(|a| {
+            let others = drones.clone().skip(usize::from(a) + 1);
+            others.map(move |b| Reverse(Pair { look_ms: 0, drones: [a, b], violates: false }))
+        });
         Self {
-            drones,
             d_safe_m,
             closing_mps: 2.0 * max_speed_mps + 1.0,
             least_m: f64::INFINITY,
             violations: 0,
-            pairs: vec![(0.0, false); drones * drones.saturating_sub(1) / 2],
+            near: Vec::new(),
+            far: pairs.collect(),
             last_m: positions_m.to_vec(),
         }
     }
 
     /// The drones moved straight from where they were to `positions_m`, where they are at `t_s`.
     pub(super) fn moved(&mut self, t_s: f64, positions_m: &[V3]) {
-        let mut pair = 0;
-        for a in 0..self.drones {
-            for b in a + 1..self.drones {
-                let (look_s, near) = &mut self.pairs[pair];
-                pair += 1;
-                if t_s < *look_s {
-                    continue;
-                }
-                let before = self.last_m[a] - self.last_m[b];
-                let after = positions_m[a] - positions_m[b];
-                let distance_m = least_between(before, after);
-                self.least_m = self.least_m.min(distance_m);
-                let is_near = distance_m < self.d_safe_m;
-                self.violations += u32::from(is_near && !*near);
-                *near = is_near;
-                let spare_m = after.norm() - self.least_m.max(self.d_safe_m);
-                *look_s = t_s + (spare_m / self.closing_mps).max(0.0);
-            }
+        let now_ms = (t_s * 1e3).round() as u64;
+        while let Some(soon) = self.far.peek_mut().filter(|next| next.0.look_ms <= now_ms) {
+            self.near.push(PeekMut::pop(soon).0);
         }
+        let Self { near, far, least_m, violations, .. } = self;
+        near.retain_mut(|pair| {
+            if now_ms < pair.look_ms {
+                return true;
+            }
+            let [a, b] = pair.drones.map(usize::from);
+            let after = positions_m[a] - positions_m[b];
+            let distance_m = least_between(self.last_m[a] - self.last_m[b], after);
+            *least_m = least_m.min(distance_m);
+            let violates = distance_m < self.d_safe_m;
+            *violations += u32::from(violates && !pair.violates);
+            pair.violates = violates;
+            let spare_m = after.norm() - least_m.max(self.d_safe_m);
+            pair.look_ms = now_ms + (1e3 * spare_m / self.closing_mps).max(1.0) as u64;
+            let is_near = pair.look_ms < now_ms + SOON_MS;
+            if !is_near {
+                far.push(Reverse(*pair));
+            }
+            is_near
+        });
         self.last_m.copy_from_slice(positions_m);
     }
 

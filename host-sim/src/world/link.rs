@@ -132,6 +132,8 @@ struct Slot<const N: usize> {
 /// One direction of a link for frames of up to `N` bytes.
 #[derive(Clone, Debug)]
 pub struct Link<const N: usize> {
+    /// When the next frame is due; beyond all times with none. Beside the heap, as nearly every poll ends here.
+    next_due_us: u64,
     config: LinkConfig,
     waiting: BinaryHeap<Reverse<Waiting>>,
     slots: Vec<Slot<N>>,
@@ -196,6 +198,7 @@ impl<const N: usize> Link<N> {
         let mut flips = fates.clone();
         flips.set_stream(1);
         Self {
+            next_due_us: u64::MAX,
             config,
             waiting: BinaryHeap::new(),
             slots: Vec::new(),
@@ -243,11 +246,13 @@ impl<const N: usize> Link<N> {
     }
 
     /// The next frame that is due by `now_us`, oldest due time first. Call until there is none.
+    #[inline]
     pub fn poll(&mut self, now_us: u64) -> Option<&[u8]> {
-        if self.next_due_us()? > now_us {
+        if self.next_due_us > now_us {
             return None;
         }
         let Reverse(Waiting { number, slot, .. }) = self.waiting.pop()?;
+        self.next_due_us = self.waiting.peek().map_or(u64::MAX, |Reverse(next)| next.due_us);
         self.free.push(slot);
         self.counters.delivered += 1;
         if number + 1 < self.delivered_up_to {
@@ -261,7 +266,7 @@ impl<const N: usize> Link<N> {
     /// When the next frame is due.
     #[must_use]
     pub fn next_due_us(&self) -> Option<u64> {
-        self.waiting.peek().map(|Reverse(next)| next.due_us)
+        Some(self.next_due_us).filter(|_| !self.waiting.is_empty())
     }
 
     /// Frames on their way.
@@ -306,6 +311,7 @@ impl<const N: usize> Link<N> {
         place.length = frame.len();
         place.bytes[..frame.len()].copy_from_slice(frame);
         self.waiting.push(Reverse(Waiting { due_us, number, slot }));
+        self.next_due_us = self.next_due_us.min(due_us);
         Some(slot)
     }
 

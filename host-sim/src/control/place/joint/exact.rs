@@ -25,6 +25,8 @@ pub(super) struct Combination {
     pub(super) grain: f64,
     /// Nodes after which the search gives up.
     pub(super) nodes: u64,
+    /// Users of disks looked at after which it does: nodes of many disks take their time.
+    pub(super) work: u64,
     pub(super) until: Option<Instant>,
 }
 
@@ -51,6 +53,7 @@ pub(super) fn best_combination(
         chosen: None,
         stack: Vec::new(),
         nodes: 0,
+        work: 0,
         stopped: false,
         asked,
     };
@@ -70,6 +73,7 @@ struct Search<'a> {
     /// Disks that are in.
     stack: Vec<u32>,
     nodes: u64,
+    work: u64,
     stopped: bool,
     asked: Combination,
 }
@@ -92,6 +96,7 @@ impl Search<'_> {
 
     fn is_over(&mut self) -> bool {
         self.nodes += 1;
+        self.stopped |= self.work >= self.asked.work;
         if self.nodes.is_multiple_of(NODES_A_LOOK) {
             let late = self.asked.until.is_some_and(|until| Instant::now() >= until);
             self.stopped |= late || self.nodes >= self.asked.nodes;
@@ -155,10 +160,13 @@ impl Search<'_> {
             free.iter().for_each(|&user| prices[user as usize] = self.weights[user as usize]);
         }
         let steps = if room <= 1 { 0 } else { steps };
+        let users_of_all: usize =
+            candidates.iter().map(|&column| self.columns[column as usize].users.len()).sum();
         let mut best: Option<Priced> = None;
         let mut pace = 1.0;
         let mut idle = 0;
         for step in 0..=steps {
+            self.work += (users_of_all + candidates.len()) as u64;
             let mut order: Vec<(f64, u32)> = (candidates.iter())
                 .map(|&column| {
                     let users = &self.columns[column as usize].users;

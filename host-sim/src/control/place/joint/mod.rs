@@ -41,6 +41,9 @@ const MOST_ENUMERATED: usize = 50_000;
 /// Nodes of a search among the disks that prices have met, and of one that is to prove the optimum.
 const NODES_TO_TRY: u64 = 20_000;
 const NODES_TO_PROVE: u64 = 20_000_000;
+/// Users of disks looked at in a search: some seconds, and a minute. Only hundreds of drones come that far.
+const WORK_TO_TRY: u64 = 1_000_000_000;
+const WORK_TO_PROVE: u64 = 20_000_000_000;
 /// Rounds of better centres for users that two drones could serve.
 const CENTRING_ROUNDS: usize = 4;
 
@@ -130,7 +133,7 @@ impl Joint<'_> {
         let mut prices = Prices::new(self);
         let met = prices.settle(self);
         if !self.is_proved() {
-            self.combine(&prices, &met, NODES_TO_TRY);
+            self.combine(&prices, &met, (NODES_TO_TRY, WORK_TO_TRY));
         }
         if !self.is_proved() && !self.late() && prices.bound().is_finite() {
             self.close(&prices);
@@ -140,17 +143,18 @@ impl Joint<'_> {
     /// Finds the optimum by these prices, whichever they are: the better they are, the fewer disks are left to combine.
     fn close(&mut self, prices: &Prices) {
         let Some(columns) = self.better(prices) else { return };
-        let bound = self.combine(prices, &columns, NODES_TO_PROVE);
+        let bound = self.combine(prices, &columns, (NODES_TO_PROVE, WORK_TO_PROVE));
         self.bound = self.bound.min(bound).max(self.value);
     }
 
     /// Takes the best combination of `columns` if it is better than the best known. Returns a bound on them all.
-    fn combine(&mut self, prices: &Prices, columns: &[Column], nodes: u64) -> f64 {
+    fn combine(&mut self, prices: &Prices, columns: &[Column], (nodes, work): (u64, u64)) -> f64 {
         let asked = Combination {
             drones: self.drones,
             above: self.value,
             grain: self.grain,
             nodes,
+            work,
             until: self.until,
         };
         let outcome = exact::best_combination(self.users, columns, prices.of_users(), asked);
