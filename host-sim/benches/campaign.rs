@@ -12,7 +12,7 @@ use skyroost_host_sim::campaign::plan::{Method, Plan, PlanOverrides};
 use skyroost_host_sim::campaign::{Closed, Flown, Timed};
 use skyroost_host_sim::fleet::Backend;
 use skyroost_host_sim::runner::{MissionInput, RunOptions, fly};
-use skyroost_host_sim::scenario::Scenario;
+use skyroost_host_sim::scenario::LoadedScenario;
 
 /// Runs to average over in the closed model.
 const RUNS: u64 = 5;
@@ -115,8 +115,8 @@ fn swept(quick: bool) {
              [battery]\nendurance_s = 100000\n[mission]\nduration_s = {SIMULATED_S}\n",
             pads.join(", ")
         );
-        let scenario = Scenario::from_toml(&toml, "bench", Path::new(".")).expect("the scenario is good");
-        let input = MissionInput::of_rectangle(scenario).expect("a rectangle");
+        let loaded = LoadedScenario::from_toml(&toml, "bench", Path::new(".")).expect("the scenario is good");
+        let input = MissionInput::of_rectangle(loaded.scenario).expect("a rectangle");
         let options = RunOptions {
             threads: 0,
             backend: Backend::InProc,
