@@ -1,8 +1,8 @@
 //! Runs `skyroost mission --backend qemu` as something that can be watched, hurt and looked after: its processes,
 //! its folders and how it ends.
 
-use crate::mission::binary;
-use rustix::process::{Pid, Signal, kill_process};
+use crate::{mission::binary, processes};
+use rustix::process::Signal;
 use std::{
     fs::{self, File},
     io::Read,
@@ -138,14 +138,7 @@ impl Site {
     /// When `/proc` cannot be read.
     #[must_use]
     pub fn processes(&self) -> Vec<u32> {
-        let mark = format!("TMPDIR={}", self.path("tmp").display());
-        let ids = fs::read_dir("/proc").expect("/proc").flatten();
-        ids.filter_map(|entry| entry.file_name().to_str()?.parse().ok())
-            .filter(|id| {
-                let environment = fs::read(format!("/proc/{id}/environ")).unwrap_or_default();
-                environment.split(|byte| *byte == 0).any(|variable| variable == mark.as_bytes())
-            })
-            .collect()
+        processes::bearing(&[&format!("TMPDIR={}", self.path("tmp").display())])
     }
 
     /// What lies in its folder for temporary files.
@@ -313,8 +306,7 @@ impl Drop for Running<'_> {
 /// # Panics
 /// When there is none.
 pub fn signal(process: u32, which: Signal) {
-    let id = i32::try_from(process).ok().and_then(Pid::from_raw).expect("a process");
-    kill_process(id, which).expect("a process to signal");
+    assert!(processes::try_signal(process, which), "no process {process} to signal");
 }
 
 /// The path below `/proc` under which a process has a file open.

@@ -5,5 +5,6 @@ pub mod boards;
 pub mod flight_board;
 pub mod line;
 pub mod mission;
+pub mod processes;
 pub mod report_check;
 pub mod webdriver;

@@ -21,7 +21,7 @@ Runs every check in this order and stops at the first that fails:
   cross    the flight code and every board's image: clippy, build, flash, RAM and stack within
            firmware/budgets.toml, no panic, allocation or recursion in a step; and the link of
            step_proof, which fails where the flight code can panic
-  build    the optimised `skyroost` that whole missions are flown with
+  build    the optimised `skyroost` that whole missions are flown with; polars' reader of Parquet
   test     unit, property, documentation and mission tests
   budget   instructions and stack of the worst steps on the emulated board
   doc      documentation, warnings denied
@@ -32,16 +32,23 @@ type Step = (&'static str, fn(&mut TestCount) -> Outcome);
 
 const STEPS: [Step; 8] = [
     ("setup", |_| setup::ensure(&setup::ALL)),
-    ("format", |_| process::run(cargo("fmt").args(["--all", "--check"]))),
+    ("format", |_| {
+        process::run(cargo("fmt").args(["--all", "--check"]))?;
+        process::run(cargo("fmt").args(["--check", POLARS]))
+    }),
     ("lint", |_| process::run(cargo("clippy").args(HOST).args(["--all-targets", "--", "-D", "warnings"]))),
     ("cross", |_| cross()), // before the tests, which fly missions on the emulated image
     ("build", |_| {
-        process::run(cargo("build").args(["--locked", "--profile=checks", "--package=skyroost-host-sim"]))
+        process::run(cargo("build").args(["--locked", "--profile=checks", "--package=skyroost-host-sim"]))?;
+        process::run(cargo("build").args(["--locked", POLARS, "--target-dir=target/polars"]))
     }),
     ("test", test),
     ("budget", |_| bench::hold_boards(Thoroughness::Quick)), // with what the tests have built
     ("doc", |_| process::run(cargo("doc").args(HOST).arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))),
 ];
+
+/// What reads Parquet for a test, on its own because of what it is made of.
+const POLARS: &str = "--manifest-path=tests/polars/Cargo.toml";
 
 /// Everything that runs on the host, with the versions in Cargo.lock.
 const HOST: [&str; 2] = ["--workspace", "--locked"];

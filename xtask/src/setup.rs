@@ -13,8 +13,9 @@ pub(crate) const HELP: &str = "\
 Usage: cargo xtask setup
 
 Makes sure that this machine can cross-compile for the boards, emulate one, open a report in a
-browser, and read flight plans back. As root on Debian or a relative it installs the packages that are missing; otherwise it
-prints what to type and exits with 1. The other subcommands call it where they need it.
+browser, read flight plans back, and run campaigns on a Slurm and on a Dask cluster. As root on Debian
+or a relative it installs the packages that are missing; otherwise it prints what to type and exits
+with 1. The other subcommands call it where they need it.
 ";
 
 /// Something that part of the work cannot do without.
@@ -28,10 +29,18 @@ pub(crate) enum Need {
     Browser,
     /// What reads flight plans back, independently of the code that writes them.
     Python,
+    /// Both sides of a Slurm, and what its daemons know each other by.
+    Slurm,
+    /// Dask, for a Python that tests find.
+    Dask,
 }
 
 /// All of it.
-pub(crate) const ALL: [Need; 4] = [Need::Cross, Need::Emulator, Need::Browser, Need::Python];
+pub(crate) const ALL: [Need; 6] =
+    [Need::Cross, Need::Emulator, Need::Browser, Need::Python, Need::Slurm, Need::Dask];
+
+/// Daemons lie there, and not everybody's shell looks for programs in it.
+const DAEMONS: &str = "/usr/sbin";
 
 impl Need {
     fn name(self) -> &'static str {
@@ -40,6 +49,8 @@ impl Need {
             Self::Emulator => "qemu-system-arm",
             Self::Browser => "Chromium with its driver",
             Self::Python => "python3",
+            Self::Slurm => "Slurm with munge",
+            Self::Dask => "Dask's `distributed` for Python",
         }
     }
 
@@ -52,6 +63,8 @@ impl Need {
             Self::Emulator => &["qemu-system-arm"],
             Self::Browser => &["chromium", "chromium-driver"],
             Self::Python => &["python3"],
+            Self::Slurm => &["slurmctld", "slurmd", "slurm-client", "munge"],
+            Self::Dask => &["python3-distributed"],
         }
     }
 
@@ -61,6 +74,12 @@ impl Need {
             Self::Emulator => on_path("qemu-system-arm"),
             Self::Browser => on_path("chromium") && on_path("chromedriver"),
             Self::Python => on_path("python3"),
+            Self::Slurm => {
+                let is_there = |daemon| on_path(daemon) || is_executable(&Path::new(DAEMONS).join(daemon));
+                ["slurmctld", "slurmd", "munged"].into_iter().all(is_there)
+                    && ["sbatch", "sinfo", "squeue"].into_iter().all(on_path)
+            }
+            Self::Dask => ["python3", "/usr/bin/python3"].into_iter().any(has_dask), // as the tests look for it
         }
     }
 }
@@ -129,6 +148,12 @@ fn advice(missing: &[Need]) -> String {
 /// Whether this process runs as root, told by who owns it (always false where there is no `/proc`).
 fn is_root() -> bool {
     fs::metadata("/proc/self").is_ok_and(|process| process.uid() == 0)
+}
+
+/// A Python that is found first may know nothing of Debian's packages.
+fn has_dask(python: &str) -> bool {
+    let asked = Command::new(python).args(["-c", "import distributed"]).output();
+    asked.is_ok_and(|ran| ran.status.success())
 }
 
 fn on_path(program: &str) -> bool {
