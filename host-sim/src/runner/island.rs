@@ -3,7 +3,11 @@
 //! Between two words of the control center islands have nothing to do with each other, so they may
 //! run on different cores; inside an island drones go in step.
 
-use super::drone::{Drone, take_frames};
+use super::{
+    CONTROL_STEPS,
+    drone::{Drone, take_frames},
+    links::Mail,
+};
 use crate::{
     fleet::BoardError,
     geometry::V3,
@@ -28,6 +32,10 @@ pub(super) struct Island {
     pub(super) drones: Vec<Drone>,
     /// Link from drone `i` to drone `j` at `i * drones + j`; those from a drone to itself stay unused.
     pub(super) links: Vec<Link<MAX_FRAME>>,
+    /// What the control center says in this window, to which drone of the island.
+    pub(super) told: Mail,
+    /// What arrives at the control center by its words of the next window, from which drone.
+    pub(super) heard: Mail,
     /// Granted transmissions to come.
     grants: Vec<SrsGate>,
     /// Captures that came late over a blocked path: the truth, for judging.
@@ -71,6 +79,8 @@ impl Island {
         Self {
             drones,
             links,
+            told: Mail::default(),
+            heard: Mail::default(),
             grants: Vec::new(),
             late: Vec::new(),
             positions_m: Vec::new(),
@@ -78,7 +88,8 @@ impl Island {
         }
     }
 
-    /// Steps `first..first + count`; with `TIMED` says where the time goes.
+    /// Steps `first..first + count`, and takes off the links what is due in as many after; with `TIMED` says where the
+    /// time goes.
     pub(super) fn run<const TIMED: bool>(
         &mut self,
         first: u64,
@@ -87,6 +98,11 @@ impl Island {
     ) -> Result<(), BoardError> {
         self.positions_m.clear();
         let mut watch = Stopwatch::<TIMED>::start();
+        for (at_us, to, frame) in self.told.frames() {
+            self.drones[usize::from(to)].downlink.send(at_us, frame);
+        }
+        self.told.clear();
+        watch.lap(&mut self.times.links);
         for step in first..first + count {
             let now_us = step * STEP_US as u64;
             for drone in &mut self.drones {
@@ -118,7 +134,22 @@ impl Island {
             }
             watch.lap(&mut self.times.world);
         }
+        self.listen(first + count, count);
+        watch.lap(&mut self.times.links);
         Ok(())
+    }
+
+    /// What arrives at the control center by its words in steps `first..first + count`.
+    fn listen(&mut self, first: u64, count: u64) {
+        self.heard.clear();
+        for word in (first..first + count).step_by(CONTROL_STEPS as usize) {
+            let now_us = word * STEP_US as u64;
+            for drone in &mut self.drones {
+                while let Some(bytes) = drone.uplink.poll(now_us) {
+                    self.heard.push(now_us, drone.id.0, bytes);
+                }
+            }
+        }
     }
 
     /// Frames of the mates that are due at `receiver`.

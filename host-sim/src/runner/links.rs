@@ -55,16 +55,45 @@ impl<R: Rng> Center for RandomSearch<R> {
     }
 }
 
-/// Frames of the control center to be put on the links.
+/// Frames in a row.
+#[derive(Default)]
+pub(super) struct Mail {
+    bytes: Vec<u8>,
+    /// When, whose, and where in `bytes` it ends, of each frame.
+    ends: Vec<(u64, u16, usize)>,
+}
+
+impl Mail {
+    pub(super) fn push(&mut self, at_us: u64, whose: u16, frame: &[u8]) {
+        self.bytes.extend_from_slice(frame);
+        self.ends.push((at_us, whose, self.bytes.len()));
+    }
+
+    /// When, whose, and its bytes, of each frame in the order of [`push`](Self::push).
+    pub(super) fn frames(&self) -> impl Iterator<Item = (u64, u16, &[u8])> {
+        let starts = std::iter::once(0).chain(self.ends.iter().map(|(.., end)| *end));
+        self.ends
+            .iter()
+            .zip(starts)
+            .map(|(&(at_us, whose, end), start)| (at_us, whose, &self.bytes[start..end]))
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.bytes.clear();
+        self.ends.clear();
+    }
+}
+
+/// Takes the control center's words to the islands.
 #[derive(Default)]
 pub(super) struct Outbox {
-    bytes: Vec<u8>,
-    /// Receiver and end in `bytes` of each frame.
-    ends: Vec<(DroneId, usize)>,
+    mail: Mail,
 }
 
 impl Outbox {
-    /// The control center takes in what has arrived by `now_us` and sends what it has to say.
+    /// The control center takes in what has arrived by `now_us` and sends what it has to say. Islands have taken the
+    /// one off their links at the end of the window before, and put the other on at the start of this one: links are
+    /// touched only by whoever flies their drone.
     pub(super) fn exchange(
         &mut self,
         now_us: u64,
@@ -73,32 +102,19 @@ impl Outbox {
         place_of: &[(usize, usize)],
     ) -> Result<(), MissionError> {
         let now = TimePs::from_us(now_us as i64);
-        for drone in islands.iter_mut().flat_map(|island| &mut island.drones) {
-            while let Some(bytes) = drone.uplink.poll(now_us) {
-                center.receive(now, drone.id, bytes, &mut |to, frame| self.push(to, frame))?;
+        let mail = &mut self.mail;
+        let mut send = |to: DroneId, frame: &[u8]| mail.push(now_us, to.0, frame);
+        for island in &*islands {
+            for (_, from, bytes) in island.heard.frames().filter(|(at_us, ..)| *at_us == now_us) {
+                center.receive(now, DroneId(from), bytes, &mut send)?;
             }
         }
-        center.step(now, &mut |to, frame| self.push(to, frame))?;
-        for (to, frame) in self.frames() {
-            let (island, member) = place_of[usize::from(to.0) - 1];
-            islands[island].drones[member].downlink.send(now_us, frame);
+        center.step(now, &mut send)?;
+        for (_, to, frame) in self.mail.frames() {
+            let (island, member) = place_of[usize::from(to) - 1];
+            islands[island].told.push(now_us, member as u16, frame);
         }
-        self.clear();
+        self.mail.clear();
         Ok(())
-    }
-
-    fn push(&mut self, to: DroneId, frame: &[u8]) {
-        self.bytes.extend_from_slice(frame);
-        self.ends.push((to, self.bytes.len()));
-    }
-
-    fn frames(&self) -> impl Iterator<Item = (DroneId, &[u8])> {
-        let starts = std::iter::once(0).chain(self.ends.iter().map(|(_, end)| *end));
-        self.ends.iter().zip(starts).map(|((to, end), start)| (*to, &self.bytes[start..*end]))
-    }
-
-    fn clear(&mut self) {
-        self.bytes.clear();
-        self.ends.clear();
     }
 }

@@ -7,6 +7,7 @@
 //! the bytes that come out depend neither on the length of a window nor on the number of threads.
 
 mod clear;
+mod crew;
 mod digest;
 mod drone;
 mod flights;
@@ -31,10 +32,10 @@ use crate::{
     world::link::LinkCounters,
 };
 use clear::Clearance;
+use crew::{Crew, Window};
 use digest::Digest;
-use island::{Island, IslandTimes, Surroundings};
+use island::{Island, IslandTimes};
 use links::Outbox;
-use rayon::prelude::*;
 use setup::Setup;
 use skyroost_firmware::{STEP_US, supervisor::Condition};
 use skyroost_protocol::units::DroneId;
@@ -50,8 +51,6 @@ const CONTROL_STEPS: u64 = 2;
 /// Most words of the control center in a window. The longer a window, the more steps a drone flies while all that it
 /// consists of is in the cache; progress and the end of a mission are looked at once a window.
 const MOST_WORDS: u64 = 2;
-/// Fewer drones than this are not worth a second core: a window of one drone takes about a microsecond.
-const PARALLEL_FROM_DRONES: usize = 24;
 /// The formation is measured once in so many steps: every 0.12 s, half the lag of an attitude.
 const FORMATION_STEPS: u64 = 6;
 /// Positions are recorded once in so many steps: every second.
@@ -67,14 +66,14 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
     let started = Instant::now();
     let setup = Setup::new(input)?;
     let hangar = options.backend.open(setup.plan.drones.len())?;
-    // Islands that wait for boards of their own wait side by side.
-    let threads = if options.backend.is_remote() { setup.islands() } else { 0 };
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads.max(threads))
+        .num_threads(options.threads)
         .build()
         .map_err(|error| RunError::Link(format!("no threads to run on: {error}")))?;
     pool.install(|| {
-        let mut flight = Flight::new(input, &setup, &hangar, options.backend.is_remote())?;
+        // Islands that wait for boards of their own wait side by side.
+        let remote = if options.backend.is_remote() { setup.islands() } else { 1 };
+        let mut flight = Flight::new(input, &setup, &hangar, rayon::current_num_threads().max(remote))?;
         flight.run(input, options)?;
         flight.reports = flight.board_reports()?;
         let (simulated_s, shares, boards) = (flight.now_s(), flight.shares(), flight.reports.clone());
@@ -92,9 +91,7 @@ struct Flight {
     window_steps: u64,
     control: ControlCenter,
     islands: Vec<Island>,
-    /// Whether islands run on threads of their own.
-    parallel: bool,
-    around: Surroundings,
+    crew: Crew,
     separation: Separation,
     clearance: Clearance,
     fleets: Vec<FleetWatch>,
@@ -129,7 +126,7 @@ fn window_steps(delay_s: f64) -> u64 {
 const TIMED_WINDOW: u64 = 17;
 
 impl Flight {
-    fn new(input: &MissionInput, setup: &Setup, hangar: &Hangar, remote: bool) -> Result<Self, BoardError> {
+    fn new(input: &MissionInput, setup: &Setup, hangar: &Hangar, threads: usize) -> Result<Self, BoardError> {
         let scenario = &input.scenario;
         let islands = setup::islands(scenario, &setup.plan.drones, setup.plan.fleets.len(), hangar)?;
         let mut place_of = vec![(0, 0); setup.plan.drones.len()];
@@ -149,9 +146,8 @@ impl Flight {
             step: 0,
             window_steps,
             control: ControlCenter::new(setup.plan.clone()),
-            parallel: remote || tracks.len() >= PARALLEL_FROM_DRONES,
+            crew: Crew::new(threads, islands.len(), setup::surroundings(scenario, &setup.users)),
             islands,
-            around: setup::surroundings(scenario, &setup.users),
             separation: Separation::new(&pads_m, scenario.fleet.d_safe_m, 1.2 * scenario.fleet.speed_mps),
             clearance: Clearance::new(pads_m.len(), 1.2 * scenario.fleet.speed_mps),
             fleets: setup::fleet_watches(&setup.plan),
@@ -228,19 +224,8 @@ impl Flight {
     }
 
     fn run_islands(&mut self, timed: bool) -> Result<(), RunError> {
-        let (first, count, around) = (self.step, self.window_steps, &self.around);
-        let run = |island: &mut Island| {
-            if timed {
-                island.run::<true>(first, count, around)
-            } else {
-                island.run::<false>(first, count, around)
-            }
-        };
-        if self.parallel {
-            self.islands.par_iter_mut().try_for_each(run)?;
-        } else {
-            self.islands.iter_mut().try_for_each(run)?;
-        }
+        let window = Window { first: self.step, steps: self.window_steps, timed };
+        self.crew.fly(window, &mut self.islands)?;
         self.step += self.window_steps;
         Ok(())
     }

@@ -37,8 +37,9 @@ use skyroost_protocol::{
 use thiserror::Error;
 pub use watch::{Happening, OperatorEvent};
 
-/// Everything is solved for the first time after so many occasions, and again when they have grown by as many and a half.
-const FIRST_SOLUTION: usize = 256;
+/// Everything is solved for the first time after so many occasions for each fleet, and again when they have grown by as
+/// many and a half: a fleet of few users is the dearest to solve for, each being tried from all sides.
+const FIRST_SOLUTION: usize = 128;
 
 /// What the control center is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -197,7 +198,7 @@ impl ControlCenter {
             legs: vec![None; plan.drones.len()],
             schedules,
             running,
-            solve_at: FIRST_SOLUTION,
+            solve_at: FIRST_SOLUTION * plan.fleets.len(),
             relaying: Relaying::new(plan.relay_period),
             plan,
             stage: Stage::Connect,
@@ -374,7 +375,8 @@ impl ControlCenter {
     /// occasion is solved for a bounded number of times, however long the sweep.
     fn solve_now_and_then(&mut self) -> Result<(), MissionError> {
         if self.occasions.len() >= self.solve_at {
-            self.solve_at = self.occasions.len() + self.occasions.len() / 2 + FIRST_SOLUTION;
+            self.solve_at =
+                self.occasions.len() + self.occasions.len() / 2 + FIRST_SOLUTION * self.plan.fleets.len();
             self.localization = localize(&self.occasions, &self.plan.localize)?;
             self.running.calibrate(&self.localization.clocks);
         }

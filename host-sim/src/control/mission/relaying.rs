@@ -15,6 +15,10 @@ pub const RELAYED_NEIGHBOURS: usize = 32;
 const NEAR_M: f64 = 1_000.0;
 /// Every so often it is looked up anew who is near whom.
 const NEIGHBOURS_PERIOD: TimePs = TimePs::from_ms(1_000);
+/// Beyond this two need two minutes, and hear of each other once in [`FAR_PERIODS`].
+const FAR_M: f64 = 3_000.0;
+/// How many [`NEIGHBOURS_PERIOD`]s go by from one state of somebody far to the next; drones take turns.
+const FAR_PERIODS: usize = 5;
 
 /// Who is near whom, and when that is told next.
 #[derive(Debug)]
@@ -22,6 +26,8 @@ pub(in crate::control) struct Relaying {
     period: TimePs,
     due: TimePs,
     neighbours_due: TimePs,
+    /// How often neighbours were looked up.
+    lookups: usize,
     relay: Relay,
     positions_m: Vec<V3>,
     /// Whose positions these are.
@@ -35,6 +41,7 @@ impl Relaying {
             period,
             due: TimePs(0),
             neighbours_due: TimePs(0),
+            lookups: 0,
             relay: Relay::new(RELAYED_NEIGHBOURS),
             positions_m: Vec::new(),
             drones: Vec::new(),
@@ -55,6 +62,7 @@ impl Relaying {
         let far_too = now >= self.neighbours_due;
         if far_too {
             self.neighbours_due = now.after(NEIGHBOURS_PERIOD);
+            self.lookups += 1;
             self.find_neighbours(links);
         }
         self.relay_states(links, far_too, send);
@@ -73,16 +81,25 @@ impl Relaying {
         self.relay.update(&self.positions_m);
     }
 
-    /// Relays to each drone the states of its nearest neighbours; of those beyond [`NEAR_M`] only now and then.
+    /// Relays to each drone the states of its nearest neighbours; of those beyond [`NEAR_M`] only now and then, of those
+    /// beyond [`FAR_M`] seldom.
     fn relay_states(&self, links: &mut [DroneLink], far_too: bool, send: &mut impl FnMut(DroneId, &[u8])) {
         for (row, &index) in self.drones.iter().enumerate() {
             let here_m = self.positions_m[row];
+            let all = far_too && (self.lookups + row).is_multiple_of(FAR_PERIODS);
+            let within_m = match (far_too, all) {
+                (_, true) => f64::INFINITY,
+                (true, _) => FAR_M,
+                _ => NEAR_M,
+            };
             let mut states = heapless::Vec::new();
             for &other in self.relay.neighbours(row) {
                 let other = usize::from(other);
-                let near = (self.positions_m[other] - here_m).norm_squared() < NEAR_M * NEAR_M;
+                if (self.positions_m[other] - here_m).norm_squared() >= within_m * within_m {
+                    break; // the nearest come first
+                }
                 let neighbour = &links[self.drones[other]];
-                let Some(state) = neighbour.state.filter(|_| near || far_too) else { continue };
+                let Some(state) = neighbour.state else { continue };
                 let relayed = PeerState { drone: neighbour.id, state };
                 if states.is_full() {
                     links[index].say(&Down::Peers(std::mem::take(&mut states)), send);
