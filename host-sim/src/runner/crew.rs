@@ -3,7 +3,10 @@
 //! A window of a few drones takes some ten microseconds, less than it takes to wake a thread. So who has nothing to do looks
 //! out for a while, about as long as the control center needs for its part of most windows, and only then sleeps.
 
-use super::island::{Island, Surroundings};
+use super::{
+    drone::Desk,
+    island::{Island, Surroundings},
+};
 use crate::fleet::BoardError;
 use std::{
     hint,
@@ -28,11 +31,16 @@ pub(super) struct Window {
 }
 
 impl Window {
-    fn fly(self, islands: &mut [Island], around: &Surroundings) -> Result<(), BoardError> {
+    fn fly(
+        self,
+        islands: &mut [Island],
+        around: &Surroundings,
+        desks: &mut Vec<Desk>,
+    ) -> Result<(), BoardError> {
         let Self { first, steps, timed } = self;
         islands.iter_mut().try_for_each(|island| match timed {
-            true => island.run::<true>(first, steps, around),
-            false => island.run::<false>(first, steps, around),
+            true => island.run::<true>(first, steps, around, desks),
+            false => island.run::<false>(first, steps, around, desks),
         })
     }
 }
@@ -40,6 +48,7 @@ impl Window {
 /// This thread and those that help it.
 pub(super) struct Crew {
     around: Arc<Surroundings>,
+    desks: Vec<Desk>,
     hands: Vec<Hand>,
 }
 
@@ -48,7 +57,7 @@ impl Crew {
     pub(super) fn new(threads: usize, islands: usize, around: Surroundings) -> Self {
         let around = Arc::new(around);
         let hands = (1..threads.min(islands)).map(|_| Hand::new(Arc::clone(&around)));
-        Self { hands: hands.collect(), around }
+        Self { hands: hands.collect(), around, desks: Vec::new() }
     }
 
     /// Flies all islands through a window; they keep their order. Fails as the first of them that does, whoever flew it.
@@ -64,7 +73,7 @@ impl Crew {
             drones -= share;
             hand.give(window, islands.drain(from..));
         }
-        let mut result = window.fly(islands, &self.around);
+        let mut result = window.fly(islands, &self.around, &mut self.desks);
         for hand in &mut self.hands {
             let flown = hand.take_back(islands);
             result = result.and(flown);
@@ -87,8 +96,9 @@ impl Hand {
         let (orders, to_fly) = sync_channel::<(Window, Vec<Island>)>(SENT);
         let (back, flown) = sync_channel(SENT);
         let thread = thread::spawn(move || {
+            let mut desks = Vec::new();
             while let Some((window, mut islands)) = wait(&to_fly) {
-                let result = window.fly(&mut islands, &around);
+                let result = window.fly(&mut islands, &around, &mut desks);
                 if back.send((islands, result)).is_err() {
                     break;
                 }

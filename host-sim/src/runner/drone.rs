@@ -17,7 +17,7 @@ use crate::{
 };
 use skyroost_firmware::{
     STEP_S, STEP_US, Vec3,
-    io::{Capture, Inputs, NavFix, Outputs, Pulse, SrsGate},
+    io::{Capture, Inputs, NavFix, Outputs, Pulse, Setpoint, SrsGate},
 };
 use skyroost_protocol::{
     codec::{Frame, MAX_FRAME},
@@ -33,6 +33,14 @@ const TIMING_ADVANCE_M: f64 = 39.036;
 /// A gate stays open this long after its transmission.
 const GATE_OPEN: TimePs = TimePs::from_ms(20);
 
+/// What passes between a drone's board and the world in a step. Nothing of it outlives the step, so that whoever flies islands
+/// needs no more of them than the largest has drones, and keeps those in the cache.
+#[derive(Default)]
+pub(super) struct Desk {
+    pub(super) inputs: Inputs,
+    pub(super) outputs: Outputs,
+}
+
 /// One drone.
 pub(super) struct Drone {
     pub(super) id: DroneId,
@@ -43,8 +51,6 @@ pub(super) struct Drone {
     pub(super) clock: Clock,
     pps: Pps,
     pub(super) digest: Digest,
-    pub(super) outputs: Outputs,
-    pub(super) inputs: Inputs,
     pub(super) wind: Wind,
     pub(super) gnss: Gnss,
     pub(super) battery: Battery,
@@ -97,8 +103,6 @@ impl Drone {
             clock: parts.clock,
             pps: parts.pps,
             digest: Digest::new(id),
-            outputs: Outputs::default(),
-            inputs: Inputs::default(),
             wind: parts.wind,
             gnss: parts.gnss,
             battery: parts.battery,
@@ -121,14 +125,13 @@ impl Drone {
     }
 
     /// Everything the board learns at `step` but for frames.
-    pub(super) fn sense(&mut self, step: u64, users: &PointGrid, user_pos_m: &[V3]) {
+    pub(super) fn sense(&mut self, step: u64, users: &PointGrid, user_pos_m: &[V3], inputs: &mut Inputs) {
         let now_us = step * STEP_US as u64;
         let now_ps = TimePs::from_us(now_us as i64).0;
         if !self.lost && self.lost_from.is_some_and(|from| step >= from) {
             self.lost = true;
             self.gates.clear();
         }
-        let inputs = &mut self.inputs;
         inputs.clear();
         if self.lost {
             return;
@@ -157,14 +160,13 @@ impl Drone {
         {
             self.hear_users(users, user_pos_m);
         }
-        let inputs = &mut self.inputs;
         let page = self.attached.len().min(MAX_ATTACHED_PER_FRAME);
         inputs.attached.extend(self.attached.drain(..page));
     }
 
     /// Frames of the control center that are due.
-    pub(super) fn receive(&mut self, now_us: u64) {
-        take_frames(&mut self.downlink, now_us, &mut self.inputs);
+    pub(super) fn receive(&mut self, now_us: u64, inputs: &mut Inputs) {
+        take_frames(&mut self.downlink, now_us, inputs);
     }
 
     fn hear_users(&mut self, users: &PointGrid, user_pos_m: &[V3]) {
@@ -177,41 +179,40 @@ impl Drone {
     }
 
     /// The board begins its step.
-    pub(super) fn begin_step(&mut self, step: u64) -> Result<(), BoardError> {
-        self.outputs.clear();
+    pub(super) fn begin_step(&mut self, step: u64, desk: &mut Desk) -> Result<(), BoardError> {
+        desk.outputs.clear();
         if self.lost {
             return Ok(());
         }
-        self.board.begin_step(TimePs::from_us(step as i64 * STEP_US), &self.inputs, &mut self.outputs)
+        self.board.begin_step(TimePs::from_us(step as i64 * STEP_US), &desk.inputs, &mut desk.outputs)
     }
 
     /// The board ends its step.
-    pub(super) fn end_step(&mut self) -> Result<(), BoardError> {
+    pub(super) fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError> {
         if self.lost {
             return Ok(());
         }
-        self.board.end_step(&mut self.outputs)
+        self.board.end_step(outputs)
     }
 
     /// The board's outputs go where they belong, but for frames to fleet mates.
-    pub(super) fn send(&mut self, now_us: u64) {
+    pub(super) fn send(&mut self, now_us: u64, outputs: &Outputs) {
         if self.lost {
             return;
         }
-        self.digest.add(&self.outputs);
-        for frame in &self.outputs.uplink {
+        self.digest.add(outputs);
+        for frame in &outputs.uplink {
             self.uplink.send(now_us, frame);
         }
-        if !self.gates.is_empty() || !self.outputs.srs_gates.is_empty() {
+        if !self.gates.is_empty() || !outputs.srs_gates.is_empty() {
             let now = TimePs::from_us(now_us as i64);
             self.gates.retain(|gate| now.since(gate.at) <= GATE_OPEN);
-            self.gates.extend(self.outputs.srs_gates.iter().copied());
+            self.gates.extend(outputs.srs_gates.iter().copied());
         }
     }
 
     /// One step of the body.
-    pub(super) fn fly(&mut self) {
-        let setpoint = &self.outputs.setpoint;
+    pub(super) fn fly(&mut self, setpoint: &Setpoint) {
         let (command, load) = if setpoint.motors && !self.lost && !self.battery.is_empty() {
             let command = Command::Velocity {
                 vel_enu_mps: V3::from(setpoint.vel_enu_mps.map(f64::from)),

@@ -5,7 +5,7 @@
 
 use super::{
     CONTROL_STEPS,
-    drone::{Drone, take_frames},
+    drone::{Desk, Drone, take_frames},
     links::Mail,
 };
 use crate::{
@@ -13,7 +13,10 @@ use crate::{
     geometry::V3,
     world::{channel::Channel, grid::PointGrid, link::Link},
 };
-use skyroost_firmware::{STEP_US, io::SrsGate};
+use skyroost_firmware::{
+    STEP_US,
+    io::{Inputs, Outputs, SrsGate},
+};
 use skyroost_protocol::{
     codec::MAX_FRAME,
     units::{DroneId, OccasionId, TimePs},
@@ -88,14 +91,18 @@ impl Island {
         }
     }
 
-    /// Steps `first..first + count`, and takes off the links what is due in as many after; with `TIMED` says where the
+    /// Steps `first..first + count`, on these desks or as many as it takes, and takes off the links what is due in as many after; with `TIMED` says where the
     /// time goes.
     pub(super) fn run<const TIMED: bool>(
         &mut self,
         first: u64,
         count: u64,
         around: &Surroundings,
+        desks: &mut Vec<Desk>,
     ) -> Result<(), BoardError> {
+        let members = self.drones.len();
+        desks.resize_with(members.max(desks.len()), Desk::default);
+        let desks = &mut desks[..members];
         self.positions_m.clear();
         let mut watch = Stopwatch::<TIMED>::start();
         for (at_us, to, frame) in self.told.frames() {
@@ -105,31 +112,31 @@ impl Island {
         watch.lap(&mut self.times.links);
         for step in first..first + count {
             let now_us = step * STEP_US as u64;
-            for drone in &mut self.drones {
-                drone.sense(step, &around.users, &around.user_pos_m);
+            for (drone, desk) in self.drones.iter_mut().zip(&mut *desks) {
+                drone.sense(step, &around.users, &around.user_pos_m, &mut desk.inputs);
             }
             watch.lap(&mut self.times.world);
-            for receiver in 0..self.drones.len() {
-                self.drones[receiver].receive(now_us);
-                self.deliver(receiver, now_us);
+            for (receiver, desk) in desks.iter_mut().enumerate() {
+                self.drones[receiver].receive(now_us, &mut desk.inputs);
+                self.deliver(receiver, now_us, &mut desk.inputs);
             }
             watch.lap(&mut self.times.links);
             // All begin before any ends: boards of their own work at the same time.
-            for drone in &mut self.drones {
-                drone.begin_step(step)?;
+            for (drone, desk) in self.drones.iter_mut().zip(&mut *desks) {
+                drone.begin_step(step, desk)?;
             }
-            for drone in &mut self.drones {
-                drone.end_step()?;
+            for (drone, desk) in self.drones.iter_mut().zip(&mut *desks) {
+                drone.end_step(&mut desk.outputs)?;
             }
             watch.lap(&mut self.times.agents);
-            for sender in 0..self.drones.len() {
-                self.drones[sender].send(now_us);
-                self.broadcast(sender, now_us);
+            for (sender, desk) in desks.iter().enumerate() {
+                self.drones[sender].send(now_us, &desk.outputs);
+                self.broadcast(sender, now_us, &desk.outputs);
             }
             watch.lap(&mut self.times.links);
             self.transmit(now_us, around);
-            for drone in &mut self.drones {
-                drone.fly();
+            for (drone, desk) in self.drones.iter_mut().zip(&*desks) {
+                drone.fly(&desk.outputs.setpoint);
                 self.positions_m.push(drone.vehicle.pos_enu_m());
             }
             watch.lap(&mut self.times.world);
@@ -153,17 +160,15 @@ impl Island {
     }
 
     /// Frames of the mates that are due at `receiver`.
-    fn deliver(&mut self, receiver: usize, now_us: u64) {
+    fn deliver(&mut self, receiver: usize, now_us: u64, inputs: &mut Inputs) {
         let count = self.drones.len();
-        let inputs = &mut self.drones[receiver].inputs;
         for sender in (0..count).filter(|&s| s != receiver) {
             take_frames(&mut self.links[sender * count + receiver], now_us, inputs);
         }
     }
 
-    fn broadcast(&mut self, sender: usize, now_us: u64) {
+    fn broadcast(&mut self, sender: usize, now_us: u64, outputs: &Outputs) {
         let count = self.drones.len();
-        let outputs = &self.drones[sender].outputs;
         for frame in &outputs.peer {
             for receiver in (0..count).filter(|&r| r != sender) {
                 self.links[sender * count + receiver].send(now_us, frame);

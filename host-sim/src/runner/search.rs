@@ -67,7 +67,7 @@ pub fn random_search(
     let mut commander = RandomSearch::new(plan, rng);
     let mut outbox = Outbox::default();
     let mut places_m = Vec::with_capacity(seconds as usize + 1);
-    let mut step = 0;
+    let (mut step, mut desks) = (0, Vec::new());
     loop {
         outbox.exchange(step * STEP_US as u64, &mut commander, &mut islands, &place_of)?;
         if let Some(started) = commander.started()
@@ -82,7 +82,9 @@ pub fn random_search(
         if step.is_multiple_of(SECOND_STEPS) && cancel.load(Ordering::Relaxed) {
             return Err(RunError::Interrupted);
         }
-        islands.iter_mut().try_for_each(|island| island.run::<false>(step, WINDOW_STEPS, &around))?;
+        for island in &mut islands {
+            island.run::<false>(step, WINDOW_STEPS, &around, &mut desks)?;
+        }
         step += WINDOW_STEPS;
     }
 }
