@@ -25,7 +25,7 @@ const BASEBAND: Oscillator = Oscillator {
 pub struct AgentConfig {
     /// Who this drone is.
     pub id: DroneId,
-    /// Counts boots, so that sequence numbers never repeat.
+    /// Counts boots from 1, so that sequence numbers never repeat.
     pub boot_epoch: u16,
     /// What the SRS capture timer counts, and the pulses that discipline it.
     pub oscillator: Oscillator,

@@ -37,10 +37,14 @@ macro_rules! counters {
 counters! {
     /// Frames that did not decode.
     frames_rejected,
+    /// Frames that were not sealed with the key they have to be sealed with: forged, damaged, or of a boot that is over.
+    frames_forged,
     /// Frames seen before, or too old for the sequence window.
     frames_repeated,
     /// Frames of a kind that has no business on this link.
     frames_unexpected,
+    /// Messages that nobody was there for: on a sealed link, before the control center has answered.
+    frames_unbound,
     /// Frames that did not fit the outputs of a step.
     frames_overflowed,
     /// SRS requests that came after the time of transmission.
@@ -70,15 +74,21 @@ counters! {
 }
 
 impl Counters {
+    /// Frames that could not be read, forged ones among them.
+    #[must_use]
+    pub fn unreadable(&self) -> u32 {
+        self.frames_rejected.saturating_add(self.frames_forged)
+    }
+
     /// Adds one, saturating.
     pub fn count(counter: &mut u32) {
         *counter = counter.saturating_add(1);
     }
 
-    /// Everything but frames that did not decode, in one number for telemetry.
+    /// Everything but frames that could not be read, in one number for telemetry.
     #[must_use]
     pub fn dropped(&self) -> u32 {
-        let decoded = Self { frames_rejected: 0, ..*self };
+        let decoded = Self { frames_rejected: 0, frames_forged: 0, ..*self };
         decoded.to_array().iter().fold(0, |sum, n| sum.saturating_add(*n))
     }
 }

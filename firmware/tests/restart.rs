@@ -185,10 +185,10 @@ proptest! {
         let rate = TickRate::new(hz).expect("in range");
         (config.boot_epoch, config.srs_symbols) = (7, srs_symbols);
         config.oscillator = Oscillator { rate, ..config.oscillator };
-        let (Bench { mut agent, .. }, _) = life(FlightAgent::new(AgentConfig::new(ME)), &past);
-        agent.restart(config);
+        let (Bench { mut agent, .. }, _) = life(FlightAgent::new(AgentConfig::new(ME), None), &past);
+        agent.restart(config, None);
         let (_, found) = life(agent, &future);
-        let (_, expected) = life(FlightAgent::new(config), &future);
+        let (_, expected) = life(FlightAgent::new(config, None), &future);
         prop_assert_eq!(found, expected);
     }
 }
@@ -197,7 +197,7 @@ proptest! {
 #[test]
 fn statics_hold_all_of_it() {
     static ALL: Mutex<(FlightAgent, Inputs, Outputs)> =
-        Mutex::new((FlightAgent::new(AgentConfig::new(ME)), Inputs::new(), Outputs::new()));
+        Mutex::new((FlightAgent::new(AgentConfig::new(ME), None), Inputs::new(), Outputs::new()));
     let (agent, inputs, outputs) = &mut *ALL.lock().expect("nobody else has it");
     agent.step(TimePs(STEP_US), inputs, outputs);
     assert_eq!(outputs.uplink.len(), 1, "it says hello");

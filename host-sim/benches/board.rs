@@ -57,7 +57,7 @@ fn main() {
     let launcher = Launcher::new(&options).expect("there is an image");
     let begun = Instant::now();
 
-    let mut sky = Sky::new(launcher.start(AgentConfig::new(ME)).expect("the board starts"));
+    let mut sky = Sky::new(launcher.start(AgentConfig::new(ME), None).expect("the board starts"));
     let commit = sky.enter();
     let (worst, searched) = search(&mut sky, if quick { 60 } else { 500 });
     let figures = sky.figures();

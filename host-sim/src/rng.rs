@@ -50,6 +50,8 @@ pub enum Stream {
     Modelled = 16,
     /// What intervals of means and crossovers are drawn from.
     Bootstrap = 17,
+    /// Keys of simulated links; index = drone, 0 for those that the control center makes on the way.
+    Keys = 18,
 }
 
 /// The last quarter of every key: keeps these streams apart from any other use of ChaCha with the seed.

@@ -7,6 +7,8 @@ use core::fmt;
 pub enum EncodeError {
     /// The output buffer is shorter than the frame.
     BufferTooSmall,
+    /// All numbers of the session are used up: what is sealed next would have the number of another frame.
+    Exhausted,
 }
 
 /// Why bytes are not a frame of this protocol. No bytes whatsoever make the decoder panic.
@@ -31,8 +33,12 @@ pub enum DecodeError {
     Body,
     /// More bytes than the header announces.
     TrailingBytes,
-    /// The frame carries an authentication tag, which nobody here can verify yet.
-    TagUnsupported,
+    /// The frame is sealed, and there is no key here to open it.
+    Sealed,
+    /// The frame is not sealed, and no other is accepted here.
+    Unsealed,
+    /// The tag is not that of header and body: forged, damaged, or sealed by another key.
+    Forged,
 }
 
 /// Why bytes between two delimiters of a byte link are not a frame.
@@ -52,6 +58,7 @@ impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::BufferTooSmall => f.write_str("the output buffer is shorter than the frame"),
+            Self::Exhausted => f.write_str("no number is left for another sealed frame"),
         }
     }
 }
@@ -72,7 +79,9 @@ impl fmt::Display for DecodeError {
             Self::Length => f.write_str("the announced body is longer than any message"),
             Self::Body => f.write_str("the body does not decode as a message of its kind"),
             Self::TrailingBytes => f.write_str("bytes follow the end of the frame"),
-            Self::TagUnsupported => f.write_str("authentication tags are not supported yet"),
+            Self::Sealed => f.write_str("the frame is sealed, and there is no key to open it"),
+            Self::Unsealed => f.write_str("the frame is not sealed, expected a sealed one"),
+            Self::Forged => f.write_str("the tag is not that of header and body"),
         }
     }
 }

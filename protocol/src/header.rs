@@ -12,7 +12,7 @@
 //! | 13 | 2 | length of the body |
 //!
 //! All integers are little-endian. This layout is the same in every version of the protocol, so that
-//! versions can refuse each other by name.
+//! versions can refuse each other by name; frames of version 0 are read by all ([`manage`](crate::manage)).
 
 use crate::error::DecodeError;
 use crate::units::DroneId;
@@ -22,14 +22,24 @@ use crate::{MIN_PROTOCOL_VERSION, PROTOCOL_VERSION};
 pub const MAGIC: [u8; 2] = *b"SR";
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 15;
-/// Bytes of the authentication tag after the body, for which room is reserved.
+/// Bytes of the tag after the body of a sealed frame.
 pub const TAG_LEN: usize = 16;
-/// Flag: an authentication tag follows the body.
+/// Flag: the frame is sealed: its body is encrypted, and a tag over header and body follows.
 pub const FLAG_TAG: u8 = 1;
+/// Flag of sealed frames: the sender does not know which boot of the receiver it talks to.
+pub const FLAG_UNBOUND: u8 = 2;
+/// Flag of sealed frames: the lowest bit of how often the key was changed in this session.
+pub const FLAG_SLOT: u8 = 4;
+/// Version of the management messages, which all versions understand.
+pub const MANAGEMENT_VERSION: u8 = 0;
+/// Flags that frames without a tag have none of.
+const SEALED_FLAGS: u8 = FLAG_TAG | FLAG_UNBOUND | FLAG_SLOT;
 
 /// Between whom a message goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
+    /// What all versions understand: see [`manage`](crate::manage).
+    Management = 0,
     /// Drone to control center.
     Up = 1,
     /// Control center to drone.
@@ -45,7 +55,7 @@ pub struct Header {
     pub version: u8,
     /// Between whom the message goes.
     pub kind: Kind,
-    /// [`FLAG_TAG`] or nothing.
+    /// [`FLAG_TAG`] and what goes with it, or nothing.
     pub flags: u8,
     /// Who sent it.
     pub sender: DroneId,
@@ -72,11 +82,8 @@ impl Header {
     /// # Errors
     /// [`DecodeError`] `Truncated`, `Magic`, `Version`, `Kind` or `Flags`.
     pub fn read(bytes: &[u8]) -> Result<Self, DecodeError> {
-        let bytes = bytes.first_chunk::<HEADER_LEN>().ok_or(DecodeError::Truncated)?;
-        let [m0, m1, version, kind, flags, id0, id1, e0, e1, s0, s1, s2, s3, l0, l1] = *bytes;
-        if [m0, m1] != MAGIC {
-            return Err(DecodeError::Magic);
-        }
+        let bytes = magic(bytes)?;
+        let [_, _, version, kind, ..] = *bytes;
         if !(MIN_PROTOCOL_VERSION..=PROTOCOL_VERSION).contains(&version) {
             return Err(DecodeError::Version { found: version });
         }
@@ -86,7 +93,25 @@ impl Header {
             3 => Kind::Peer,
             _ => return Err(DecodeError::Kind),
         };
-        if flags & !FLAG_TAG != 0 {
+        Self::of_kind(kind, bytes)
+    }
+
+    /// The header of a management frame at the start of `bytes`.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_management(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let bytes = magic(bytes)?;
+        match *bytes {
+            [_, _, MANAGEMENT_VERSION, 0, ..] => Self::of_kind(Kind::Management, bytes),
+            [_, _, MANAGEMENT_VERSION, ..] => Err(DecodeError::Kind),
+            [_, _, found, ..] => Err(DecodeError::Version { found }),
+        }
+    }
+
+    fn of_kind(kind: Kind, bytes: &[u8; HEADER_LEN]) -> Result<Self, DecodeError> {
+        let [_, _, version, _, flags, id0, id1, e0, e1, s0, s1, s2, s3, l0, l1] = *bytes;
+        if flags & !SEALED_FLAGS != 0 || (flags != 0 && flags & FLAG_TAG == 0) {
             return Err(DecodeError::Flags);
         }
         Ok(Self {
@@ -99,4 +124,10 @@ impl Header {
             body_len: u16::from_le_bytes([l0, l1]),
         })
     }
+}
+
+/// Enough bytes for a header, which begin as frames do.
+fn magic(bytes: &[u8]) -> Result<&[u8; HEADER_LEN], DecodeError> {
+    let head = bytes.first_chunk::<HEADER_LEN>().ok_or(DecodeError::Truncated)?;
+    if head.starts_with(&MAGIC) { Ok(head) } else { Err(DecodeError::Magic) }
 }

@@ -95,13 +95,20 @@ impl Receiver {
         self.epoch = None;
     }
 
+    /// Whether `boot_epoch` is from before the boot of the sender that was heard last.
+    #[must_use]
+    pub fn is_over(&self, boot_epoch: u16) -> bool {
+        self.epoch.as_ref().is_some_and(|known| (boot_epoch.wrapping_sub(known.boot_epoch) as i16) < 0)
+    }
+
     /// Judges a frame by its header and remembers it.
     pub fn accept(&mut self, header: &Header) -> Verdict {
+        let is_over = self.is_over(header.boot_epoch);
         let verdict = match &mut self.epoch {
             Some(epoch) if epoch.boot_epoch == header.boot_epoch => {
                 epoch.accept(header.sequence, &mut self.counters)
             }
-            Some(epoch) if (header.boot_epoch.wrapping_sub(epoch.boot_epoch) as i16) < 0 => Verdict::Stale,
+            Some(_) if is_over => Verdict::Stale,
             _ => {
                 self.epoch = Some(Epoch {
                     boot_epoch: header.boot_epoch,

@@ -26,6 +26,12 @@ const _: () = assert!(MAX_STREAM <= 256, "a frame fits the usual 256-byte buffer
 pub type StreamFrame = Vec<u8, MAX_STREAM>;
 
 /// Bytes that a step of the checksum takes: 16 need 16 KiB of tables, which a chip has better uses for.
+/// CRC-32 (ISO-HDLC) of these bytes.
+#[must_use]
+pub fn checksum(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
 const CRC_LANES: usize = if cfg!(feature = "fast-crc") { 16 } else { 1 };
 const CRC: Crc<u32, Table<CRC_LANES>> = Crc::<u32, Table<CRC_LANES>>::new(&CRC_32_ISO_HDLC);
 

@@ -123,7 +123,8 @@ fn names_what_is_wrong() {
     assert_eq!(with(2, 9), Err(DecodeError::Version { found: 9 }));
     assert_eq!(with(3, 0), Err(DecodeError::Kind));
     assert_eq!(with(3, 4), Err(DecodeError::Kind));
-    assert_eq!(with(4, 2), Err(DecodeError::Flags));
+    assert_eq!(with(4, 2), Err(DecodeError::Flags), "a flag of sealed frames without a tag");
+    assert_eq!(with(4, 9), Err(DecodeError::Flags));
     assert_eq!(with(4, 1), Err(DecodeError::Truncated));
     assert_eq!(with(13, MAX_BODY as u8 + 1), Err(DecodeError::Length));
     assert_eq!(with(13, 2), Err(DecodeError::Truncated));

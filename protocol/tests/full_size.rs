@@ -1,6 +1,7 @@
 //! The largest instance of every message fits a frame, and the largest of them fills it.
 
 use skyroost_protocol::codec::encode;
+use skyroost_protocol::key::{KEY_LEN, Key};
 use skyroost_protocol::message::{
     AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
     Heading, LanePiece, Manner, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest,
@@ -125,12 +126,13 @@ fn down() {
         LanePiece { mission: MissionId(u16::MAX), first: u16::MAX, waypoints_mm: full([i32::MIN, i32::MIN]) };
     let command = |command| Down::Command { id: CommandId(u16::MAX), command };
     let messages = [
-        (Down::Welcome { version: 255, schema_hash: u32::MAX }, 7),
+        (Down::Welcome { version: 255, schema_hash: u32::MAX, resumes: true }, 8),
         (Down::Heartbeat, 1),
         (command(Command::UploadBegin(header)), 64),
         (command(Command::UploadCommit { mission: MissionId(u16::MAX), lanes_crc: u32::MAX }), 13),
         (command(Command::TakeOff), 5),
         (command(Command::StartSweep { at: TIME }), 15),
+        (command(Command::Rekey(Key::new([255; KEY_LEN]))), 37),
         (command(Command::Place { target: POS }), 20),
         (command(Command::Hold), 5),
         (command(Command::ReturnHome), 5),

@@ -7,6 +7,7 @@
 use heapless::Vec;
 use skyroost_protocol::codec::{Body, encode};
 use skyroost_protocol::header::FLAG_TAG;
+use skyroost_protocol::key::Key;
 use skyroost_protocol::message::{
     AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
     Heading, LanePiece, Manner, MateTdoa, MissionHeader, Peer, PeerState, SharedState, SrsRequest,
@@ -66,7 +67,7 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (4, 0x417b_71b9));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (5, 0xe502_0c22));
     assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 207, 16, 238, 245));
 }
 
@@ -74,10 +75,10 @@ fn sizes_and_schema() {
 fn whole_frame() {
     let frame = encode(&STAMP, &Up::Heartbeat).expect("a frame holds every message");
     //                    magic version kind flags sender epoch sequence length body
-    let expected = bytes_of("5352   04    01   00   0300  0700  40e20100  0100   02");
+    let expected = bytes_of("5352   05    01   00   0300  0700  40e20100  0100   02");
     assert_eq!(&frame[..], expected);
     let header = Header {
-        version: 4,
+        version: 5,
         kind: Kind::Up,
         flags: 0,
         sender: DroneId(3),
@@ -89,23 +90,23 @@ fn whole_frame() {
 }
 
 #[test]
-fn a_tagged_frame_is_understood_and_refused() {
-    let mut frame = bytes_of("5352 04 01 01 0300 0700 40e20100 0100 02");
+fn a_sealed_frame_is_understood_and_refused() {
+    let mut frame = bytes_of("5352 05 01 01 0300 0700 40e20100 0100 02");
     assert_eq!(frame[4], FLAG_TAG);
     assert_eq!(decode(&frame), Err(DecodeError::Truncated));
     frame.extend([0xaa; TAG_LEN]);
-    assert_eq!(decode(&frame), Err(DecodeError::TagUnsupported));
+    assert_eq!(decode(&frame), Err(DecodeError::Sealed));
     frame.push(0xaa);
     assert_eq!(decode(&frame), Err(DecodeError::TrailingBytes));
 }
 
 #[test]
 fn whole_stream_frame() {
-    // CRC-32 by Python's zlib.crc32: 0xdfa7d26d; each COBS code counts to the next zero.
-    let frame = bytes_of("5352 04 01 00 0300 0700 40e20100 0100 02");
+    // CRC-32 by Python's zlib.crc32: 0x42a8331b; each COBS code counts to the next zero.
+    let frame = bytes_of("5352 05 01 00 0300 0700 40e20100 0100 02");
     let mut out = StreamFrame::new();
     encode_stream(&frame, &mut out).expect("a frame fits the link");
-    assert_eq!(&out[..], bytes_of("00 0553520401 0203 0207 0440e201 0201 06026dd2a7df 00"));
+    assert_eq!(&out[..], bytes_of("00 0553520501 0203 0207 0440e201 0201 06021b33a842 00"));
 }
 
 /// Postcard's specification worked by hand, bit by bit.
@@ -150,7 +151,7 @@ fn truth_of_the_specification() {
 fn refuses_padded_varints() {
     let body_of = |body_hex: &str| {
         let body = bytes_of(body_hex);
-        let mut frame = bytes_of("5352 04 01 00 0300 0700 40e20100");
+        let mut frame = bytes_of("5352 05 01 00 0300 0700 40e20100");
         frame.extend((body.len() as u16).to_le_bytes());
         frame.extend(body);
         decode(&frame).map(|(_, message)| message)
@@ -176,7 +177,7 @@ fn link_messages() {
     };
     up(hello, "00 01 02 effdb6f50d 8003 e1eb17");
     up(Up::Heartbeat, "02");
-    down(Down::Welcome { version: 1, schema_hash: 0xdead_beef }, "00 01 effdb6f50d");
+    down(Down::Welcome { version: 1, schema_hash: 0xdead_beef, resumes: true }, "00 01 effdb6f50d 01");
     down(Down::Heartbeat, "01");
 }
 
@@ -334,6 +335,10 @@ fn commands() {
     down(command(Command::Place { target: POS }), "02 2a 04 d0bb8f04 8dda9601 bad124");
     down(command(Command::Hold), "02 2a 05");
     down(command(Command::ReturnHome), "02 2a 06");
+    let key = || Key::new(core::array::from_fn(|i| i as u8));
+    let bytes = "00010203 04050607 08090a0b 0c0d0e0f 10111213 14151617 18191a1b 1c1d1e1f";
+    down(command(Command::Rekey(key())), &format!("02 2a 07 {bytes}"));
+    down(command(Command::PeerKey(key())), &format!("02 2a 08 {bytes}"));
 }
 
 #[test]

@@ -102,7 +102,7 @@ fn said(step: i64) -> Option<Down> {
 
 #[test]
 fn from_hello_to_sweep() {
-    let mut agent = FlightAgent::new(AgentConfig::new(DroneId(1)));
+    let mut agent = FlightAgent::new(AgentConfig::new(DroneId(1)), None);
     let mut control = Sender::new(DroneId::CONTROL, 1);
     let (mut inputs, mut outputs) = (Inputs::default(), Outputs::default());
     let mut pos = skyroost_firmware::Vec3::zeros();

@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn the_boards_memory_is_read_from_its_linker_script() {
-        assert_eq!(region(MEMORY_X, "FLASH").unwrap().addresses, 0x0800_0000..0x0810_0000);
+        assert_eq!(region(MEMORY_X, "FLASH").unwrap().addresses, 0x0800_0000..0x080e_0000);
         assert_eq!(region(MEMORY_X, "RAM").unwrap().size(), 128 * 1024);
         let compact = "MEMORY{\nRAM(rwx):ORIGIN=536870912,LENGTH=0x100\n}";
         assert_eq!(region(compact, "RAM").unwrap().addresses, 0x2000_0000..0x2000_0100);

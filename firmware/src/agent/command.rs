@@ -91,6 +91,15 @@ impl FlightAgent {
                 self.flight.return_home();
                 AckStatus::Accepted
             }
+            Command::Rekey(key) => {
+                self.transmitter.control.offer(key.clone());
+                AckStatus::Accepted
+            }
+            Command::PeerKey(key) => {
+                self.transmitter.seal_peer(key);
+                self.links.peer_key = Some(key.clone());
+                AckStatus::Accepted
+            }
         }
     }
 

@@ -21,6 +21,7 @@ use crate::{
 use flight::{Flight, Mission};
 use receive::Links;
 use skyroost_protocol::{
+    key::Key,
     message::{FlightPhase, Manner},
     units::TimePs,
 };
@@ -30,7 +31,7 @@ use upload::Upload;
 // A board holds one of each in static memory, of 48 KiB that the whole image may take.
 #[cfg(target_pointer_width = "32")]
 const _: () =
-    assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024 + 256);
+    assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024 + 640);
 
 /// The charge that is assumed until the first step says otherwise, per mille.
 const FULL_PERMILLE: u16 = 1000;
@@ -41,7 +42,7 @@ const FULL_PERMILLE: u16 = 1000;
 /// use skyroost_firmware::{agent::FlightAgent, config::AgentConfig, io::{Inputs, Outputs}};
 /// use skyroost_protocol::units::{DroneId, TimePs};
 ///
-/// let mut agent = FlightAgent::new(AgentConfig::new(DroneId(1)));
+/// let mut agent = FlightAgent::new(AgentConfig::new(DroneId(1)), None);
 /// let (inputs, mut outputs) = (Inputs::default(), Outputs::default());
 /// agent.step(TimePs(0), &inputs, &mut outputs);
 /// assert!(!outputs.setpoint.motors, "on the ground until told otherwise");
@@ -69,9 +70,10 @@ pub struct FlightAgent {
 }
 
 impl FlightAgent {
-    /// An agent on the ground that has heard nothing yet.
+    /// An agent on the ground that has heard nothing yet. `key` is the root key of its link to the control center; without
+    /// one nothing is sealed and nothing sealed is heard.
     #[must_use]
-    pub const fn new(config: AgentConfig) -> Self {
+    pub const fn new(config: AgentConfig, key: Option<Key>) -> Self {
         Self {
             config,
             links: Links::new(),
@@ -82,7 +84,7 @@ impl FlightAgent {
             peers: const { PeerTable::new() },
             srs: Srs::new(&config),
             supervisor: Supervisor::new(),
-            transmitter: Transmitter::new(config.id, config.boot_epoch),
+            transmitter: Transmitter::new(config.id, config.boot_epoch, key),
             counters: Counters::new(),
             nav: None,
             battery_permille: FULL_PERMILLE,
@@ -92,7 +94,7 @@ impl FlightAgent {
 
     /// Makes this agent the one that [`new`](Self::new) would give, in its place: there is no room for a second
     /// one on a board's stack.
-    pub fn restart(&mut self, config: AgentConfig) {
+    pub fn restart(&mut self, config: AgentConfig, key: Option<Key>) {
         // Taken apart, so that no part can be forgotten.
         let Self {
             config: own,
@@ -119,7 +121,7 @@ impl FlightAgent {
         peers.clear();
         srs.restart(&config);
         *supervisor = Supervisor::new();
-        *transmitter = Transmitter::new(config.id, config.boot_epoch);
+        *transmitter = Transmitter::new(config.id, config.boot_epoch, key);
         *counters = Counters::new();
         *nav = None;
         *battery_permille = FULL_PERMILLE;

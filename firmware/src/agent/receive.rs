@@ -7,9 +7,12 @@ use crate::{
     io::{Inputs, Outputs},
 };
 use skyroost_protocol::{
-    codec::{decode_body, split},
+    LinkFault,
+    codec::{decode_body, parse},
     error::DecodeError,
-    header::Kind,
+    header::{Kind, MANAGEMENT_VERSION},
+    key::{Key, Purpose, ROOM, Room},
+    manage::Management,
     message::{AckStatus, Down, Peer},
     session::Receiver,
     units::{CommandId, DroneId, TimePs, m_from_mm},
@@ -18,7 +21,8 @@ use skyroost_protocol::{
 /// What is known of the links.
 #[derive(Clone, Debug)]
 pub(super) struct Links {
-    control: Receiver,
+    /// Opens what fleet mates say.
+    pub(super) peer_key: Option<Key>,
     /// One for each fleet mate, by position in the mission's list of mates.
     mates: [Receiver; 3],
     /// Last word of each.
@@ -29,53 +33,39 @@ pub(super) struct Links {
     pub(super) welcomed: bool,
     /// Last command executed, and what was answered.
     pub(super) last_command: Option<(CommandId, AckStatus)>,
+    /// The boot of the control center whose commands `last_command` is among.
+    commands_of: Option<u16>,
 }
 
 impl Links {
     /// Nothing heard.
     pub(super) const fn new() -> Self {
         Self {
-            control: Receiver::new(),
+            peer_key: None,
             mates: [const { Receiver::new() }; 3],
             mates_heard: [TimePs(0); 3],
             control_heard: TimePs(0),
             welcomed: false,
             last_command: None,
+            commands_of: None,
         }
-    }
-
-    /// Frames that the control center sent and that never arrived.
-    pub(super) fn frames_lost(&self) -> u32 {
-        self.control.counters().lost
-    }
-}
-
-/// Why a frame was not taken in.
-enum Fault {
-    /// It does not decode.
-    Rejected,
-    /// Seen before, or too old.
-    Repeated,
-    /// Nothing that this link should carry.
-    Unexpected,
-}
-
-impl From<DecodeError> for Fault {
-    fn from(_: DecodeError) -> Self {
-        Self::Rejected
     }
 }
 
 impl FlightAgent {
     /// Takes in all frames of this step.
     pub(super) fn receive(&mut self, now: TimePs, inputs: &Inputs, outputs: &mut Outputs) {
+        let mut room = ROOM;
         for frame in &inputs.frames {
-            let Err(fault) = self.receive_frame(now, frame, outputs) else { continue };
+            let Err(fault) = self.receive_frame(now, frame, &mut room, outputs) else { continue };
             let counters = &mut self.counters;
             Counters::count(match fault {
-                Fault::Rejected => &mut counters.frames_rejected,
-                Fault::Repeated => &mut counters.frames_repeated,
-                Fault::Unexpected => &mut counters.frames_unexpected,
+                LinkFault::Decode(DecodeError::Forged | DecodeError::Unsealed | DecodeError::Sealed) => {
+                    &mut counters.frames_forged
+                }
+                LinkFault::Decode(_) => &mut counters.frames_rejected,
+                LinkFault::Repeated => &mut counters.frames_repeated,
+                LinkFault::Unexpected => &mut counters.frames_unexpected,
             });
         }
         if !inputs.attached.is_empty() {
@@ -83,28 +73,56 @@ impl FlightAgent {
         }
     }
 
-    fn receive_frame(&mut self, now: TimePs, frame: &[u8], outputs: &mut Outputs) -> Result<(), Fault> {
-        let (header, body) = split(frame)?;
-        match header.kind {
-            Kind::Down if header.sender == DroneId::CONTROL => {
-                let message = decode_body(body)?;
-                if !self.links.control.accept(&header).is_accepted() {
-                    return Err(Fault::Repeated);
-                }
+    fn receive_frame(
+        &mut self,
+        now: TimePs,
+        frame: &[u8],
+        room: &mut Room,
+        outputs: &mut Outputs,
+    ) -> Result<(), LinkFault> {
+        let parcel = match parse(frame) {
+            Err(DecodeError::Version { found: MANAGEMENT_VERSION }) => {
+                return self.managed(now, frame, outputs);
+            }
+            parcel => parcel?,
+        };
+        match parcel.header.kind {
+            Kind::Down => {
+                let opened = self.transmitter.control.open(frame, room)?;
+                let (epoch, message) = (opened.header.boot_epoch, decode_body(opened.body)?);
                 self.links.control_heard = now;
-                self.on_down(now, &message, outputs);
+                self.on_down(now, epoch, &message, outputs);
             }
             Kind::Peer => {
+                let header = parcel.header;
+                self.mate(header.sender).ok_or(LinkFault::Unexpected)?;
+                let body = match &self.links.peer_key {
+                    Some(key) => {
+                        let key = key.session(Purpose::Peer, header.sender, header.boot_epoch, 0);
+                        parcel.open(&key, room)?
+                    }
+                    None if self.transmitter.control.is_sealed() => return Err(DecodeError::Sealed.into()),
+                    None => parcel.plain()?,
+                };
                 let message = decode_body(body)?;
-                let (receiver, heard) = self.mate(header.sender).ok_or(Fault::Unexpected)?;
+                let (receiver, heard) = self.mate(header.sender).ok_or(LinkFault::Unexpected)?;
                 if !receiver.accept(&header).is_accepted() {
-                    return Err(Fault::Repeated);
+                    return Err(LinkFault::Repeated);
                 }
                 *heard = now;
                 self.on_peer(now, header.sender, &message);
             }
             // What drones tell the control center is not even decoded: boards carry no code for it.
-            Kind::Down | Kind::Up => return Err(Fault::Unexpected),
+            Kind::Up | Kind::Management => return Err(LinkFault::Unexpected),
+        }
+        Ok(())
+    }
+
+    /// A control center of whatever version asks who this is. It may have asked long ago: the answer does no harm.
+    fn managed(&mut self, now: TimePs, frame: &[u8], outputs: &mut Outputs) -> Result<(), LinkFault> {
+        match self.transmitter.control.managed(frame)? {
+            (_, Management::Identify) => self.transmitter.identify(now, outputs, &mut self.counters),
+            (_, Management::Identity(_)) => return Err(LinkFault::Unexpected),
         }
         Ok(())
     }
@@ -123,11 +141,18 @@ impl FlightAgent {
         others.map(|(_, heard)| heard.max(since)).min()
     }
 
-    fn on_down(&mut self, now: TimePs, message: &Down, outputs: &mut Outputs) {
+    fn on_down(&mut self, now: TimePs, epoch: u16, message: &Down, outputs: &mut Outputs) {
         match message {
-            Down::Welcome { .. } => self.links.welcomed = true,
+            Down::Welcome { resumes, .. } => self.on_welcome(now, epoch, *resumes),
             Down::Heartbeat => {}
-            Down::Command { id, command } => self.obey(*id, command, outputs),
+            Down::Command { id, command } => {
+                // Of a boot that has not said whether its numbers go on, a number says nothing: it will say, and repeat.
+                if *self.links.commands_of.get_or_insert(epoch) == epoch {
+                    self.obey(*id, command, outputs);
+                } else {
+                    Counters::count(&mut self.counters.frames_unexpected);
+                }
+            }
             Down::LanePiece(piece) => self.upload.piece(piece, &mut self.lanes, &mut self.counters),
             Down::SrsRequest(request) => self.srs.announce(now, request, &mut self.counters),
             Down::Peers(states) => {
@@ -137,6 +162,18 @@ impl FlightAgent {
                     self.peers.update(state, &own_m, &mut self.counters);
                 }
             }
+        }
+    }
+
+    /// The control center, at this boot of its own, has taken this drone in.
+    fn on_welcome(&mut self, now: TimePs, epoch: u16, resumes: bool) {
+        let links = &mut self.links;
+        links.welcomed = true;
+        if links.commands_of.replace(epoch) != Some(epoch) {
+            if !resumes {
+                links.last_command = None;
+            }
+            self.transmitter.welcomed(now);
         }
     }
 

@@ -4,8 +4,10 @@ use super::FlightAgent;
 use crate::{counters::Counters, io::Outputs, supervisor::Condition};
 use heapless::Vec;
 use skyroost_protocol::{
-    MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
-    codec::{Body, Frame, MAX_FRAME, Sender},
+    EncodeError, LinkEnd, MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
+    codec::{Frame, MAX_FRAME, Sender},
+    key::{Key, Purpose},
+    manage::{Identity, Management},
     message::{
         Attached, AttachedUser, EventCode, FlightPhase, MAX_CAPTURES_PER_FRAME, MAX_TDOA_PER_FRAME, Peer,
         SharedState, TdoaEntry, Telemetry, Up,
@@ -19,34 +21,65 @@ const PHASE_EVERY: TimePs = TimePs::from_ms(250);
 /// Every so often telemetry goes out, and a hello until it is answered.
 const TELEMETRY_EVERY: TimePs = TimePs::from_ms(1_000);
 
+/// Least time between two answers of who this is: whoever asks more often asks to keep the link busy.
+const IDENTITY_EVERY: TimePs = TimePs::from_ms(1_000);
+
 /// Links out and what is due on them.
 #[derive(Clone, Debug)]
 pub(super) struct Transmitter {
-    uplink: Sender,
+    /// This end of the link to the control center, what comes in on it as well.
+    pub(super) control: LinkEnd,
     peer: Sender,
     share_due: TimePs,
     phase_due: TimePs,
     telemetry_due: TimePs,
+    identity_due: TimePs,
 }
 
 impl Transmitter {
-    pub(super) const fn new(id: DroneId, boot_epoch: u16) -> Self {
+    pub(super) const fn new(id: DroneId, boot_epoch: u16, key: Option<Key>) -> Self {
         Self {
-            uplink: Sender::new(id, boot_epoch),
+            control: LinkEnd::new(id, boot_epoch, DroneId::CONTROL, key),
             peer: Sender::new(id, boot_epoch),
             share_due: TimePs(0),
             phase_due: TimePs(0),
             telemetry_due: TimePs(0),
+            identity_due: TimePs(0),
         }
     }
 
-    /// Sends `message` to the control center.
+    /// Sends `message` to the control center. As long as nobody has answered, only a hello has somebody to go to.
     pub(super) fn up(&mut self, message: &Up, outputs: &mut Outputs, counters: &mut Counters) {
-        push(&mut self.uplink, message, &mut outputs.uplink, counters);
+        if self.control.is_sealed() && !self.control.is_bound() && !matches!(message, Up::Hello { .. }) {
+            Counters::count(&mut counters.frames_unbound);
+            return;
+        }
+        push(&mut outputs.uplink, counters, |out| self.control.encode_into(message, out));
     }
 
     fn tell_mates(&mut self, message: &Peer, outputs: &mut Outputs, counters: &mut Counters) {
-        push(&mut self.peer, message, &mut outputs.peer, counters);
+        push(&mut outputs.peer, counters, |out| self.peer.encode_into(message, out));
+    }
+
+    /// Seals what fleet mates are told.
+    pub(super) fn seal_peer(&mut self, key: &Key) {
+        let (own, epoch) = (self.peer.id(), self.peer.boot_epoch());
+        self.peer.seal_with(key.session(Purpose::Peer, own, epoch, 0), 0);
+    }
+
+    /// The control center knows of this boot: telemetry follows at once, which tells it that the drone knows.
+    pub(super) fn welcomed(&mut self, now: TimePs) {
+        self.telemetry_due = now;
+    }
+
+    /// Says who this is, in the words of every version.
+    pub(super) fn identify(&mut self, now: TimePs, outputs: &mut Outputs, counters: &mut Counters) {
+        if now < self.identity_due {
+            return;
+        }
+        self.identity_due = now.after(IDENTITY_EVERY);
+        let identity = Management::Identity(Identity::OWN);
+        push(&mut outputs.uplink, counters, |out| self.control.manage(&identity, out));
     }
 
     pub(super) fn event(
@@ -86,16 +119,14 @@ impl Transmitter {
 }
 
 /// Encodes the next frame in its place among the outputs: frames are long to move.
-fn push<B: Body, const N: usize>(
-    sender: &mut Sender,
-    message: &B,
+fn push<const N: usize>(
     out: &mut Vec<Frame, N>,
     counters: &mut Counters,
+    encode: impl FnOnce(&mut [u8]) -> Result<usize, EncodeError>,
 ) {
     let encoded = out.push(Frame::new()).is_ok()
         && out.last_mut().is_some_and(|frame| {
-            let length =
-                frame.resize_default(MAX_FRAME).ok().and_then(|()| sender.encode_into(message, frame).ok());
+            let length = frame.resize_default(MAX_FRAME).ok().and_then(|()| encode(frame).ok());
             frame.truncate(length.unwrap_or_default());
             length.is_some()
         });
@@ -180,8 +211,8 @@ impl FlightAgent {
             track_error_mm: mm_from_m(self.flight.track_error_m).max(0) as u32,
             battery_permille: self.battery_permille,
             conditions: self.supervisor.conditions(),
-            frames_lost: self.links.frames_lost(),
-            frames_rejected: self.counters.frames_rejected,
+            frames_lost: self.transmitter.control.receiver().counters().lost,
+            frames_rejected: self.counters.unreadable(),
             dropped: self.counters.dropped(),
             clock: self.srs.clock_state(),
             tdoa: *self.srs.tdoa_counts(),

@@ -21,7 +21,7 @@ use skyroost_firmware::{
     config::AgentConfig,
     io::{Inputs, Outputs},
 };
-use skyroost_protocol::{Frame, StreamDecoder, StreamFrame, encode_stream, units::TimePs};
+use skyroost_protocol::{Frame, StreamDecoder, StreamFrame, encode_stream, key::Key, units::TimePs};
 
 /// A value that the compiler knows nothing of, and where it must write everything that is written.
 fn unknown<T>() -> &'static mut T {
@@ -37,9 +37,9 @@ fn unknown<T>() -> &'static mut T {
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let agent: &mut FlightAgent = unknown();
-    *agent = FlightAgent::new(*unknown::<AgentConfig>());
+    *agent = FlightAgent::new(*unknown::<AgentConfig>(), None);
     loop {
-        unknown::<FlightAgent>().restart(*unknown::<AgentConfig>());
+        unknown::<FlightAgent>().restart(*unknown::<AgentConfig>(), unknown::<Option<Key>>().take());
         unknown::<Cadence>().finished(*unknown(), *unknown());
         let (inputs, outputs): (&mut Inputs, &mut Outputs) = (unknown(), unknown());
         unknown::<FlightAgent>().step(*unknown::<TimePs>(), inputs, outputs);

@@ -18,7 +18,7 @@ use skyroost_protocol::{
 /// First byte of a message to the board; with it, the version of these messages.
 pub const FROM_AUTOPILOT: u8 = 0xa1;
 /// First byte of a message of the board.
-pub const TO_AUTOPILOT: u8 = 0xb1;
+pub const TO_AUTOPILOT: u8 = 0xb2;
 /// Most users in one message.
 pub const MAX_ATTACHED_PART: usize = 8;
 
@@ -71,15 +71,35 @@ pub enum ToAutopilot {
 /// How and why the board has started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Start {
-    /// The boot epoch before this one, if backup power kept it; see
-    /// [`epoch_at_birth`](super::boot::epoch_at_birth).
-    pub last_epoch: Option<u16>,
+    /// What the board was given, and whether it can fly with it.
+    pub given: Given,
     /// Why it was reset: bits of [`ResetCause`](super::boot::ResetCause).
     pub reset_cause: u8,
     /// Why it reset itself, if it did: a [`LastWords`](super::boot::LastWords).
     pub last_words: u8,
     /// Whether the crystal runs. Without it the board says so and commands nothing.
     pub crystal: bool,
+}
+
+/// What a board found where its identity and its key are kept ([`provision`](super::provision)).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Given {
+    /// It has not looked: nobody has said yet who it is.
+    #[default]
+    Unread,
+    /// Nothing: it was never provisioned, and flies for nobody.
+    Nothing,
+    /// Something that cannot be read; it flies for nobody.
+    Damaged,
+    /// A key.
+    Key,
+    /// An open link: whoever can send can command it.
+    OpenLink,
+    /// The key of another drone than the autopilot says; it flies for nobody.
+    AnothersKey,
+    /// A key all of whose boots are spent, or one whose boot could not be spent; it flies for nobody.
+    Spent,
 }
 
 /// How the board fares. Counts saturate.

@@ -94,55 +94,14 @@ impl LastWords {
 /// Marks a backup register that this program wrote.
 const MAGIC: u32 = 0x5b00;
 
-/// Seconds to a boot epoch. No board is born twice in so short a time: its clock takes longer to lock.
-const EPOCH_S: i64 = 4;
-
-/// Epoch under which a board is born, so that its sequence numbers, which start anew, never repeat.
-///
-/// Receivers compare epochs modulo 2^16 (RFC 1982) and drop what is not newer than the last one they
-/// heard. So an epoch is GPS time in units of four seconds, which goes on whatever power is lost, and
-/// compares rightly for 36 hours. The last epoch is kept in a backup register of the real-time clock as
-/// well, over every reset and, with a battery at `VBAT`, over a loss of power: should time ever have run
-/// ahead, the next birth is newer all the same. Where that register was lost, time alone decides.
-#[must_use]
-pub const fn epoch_at_birth(last: Option<u16>, gps_s: i64) -> u16 {
-    let by_time = gps_s.div_euclid(EPOCH_S) as u16;
-    match last {
-        Some(last) if (by_time.wrapping_sub(last) as i16) <= 0 => last.wrapping_add(1),
-        _ => by_time,
-    }
-}
-
-/// The last epoch, from the register that holds it; none when that was lost.
-///
-/// The register's upper half is a mark over the lower one, so that what a register holds at power-on is
-/// not taken for an epoch.
-#[must_use]
-pub const fn epoch_from_register(register: u32) -> Option<u16> {
-    let epoch = register as u16;
-    if register >> 16 == mark(epoch) { Some(epoch) } else { None }
-}
-
-/// What to put into the register.
-#[must_use]
-pub const fn register_of_epoch(epoch: u16) -> u32 {
-    mark(epoch) << 16 | epoch as u32
-}
-
-const fn mark(epoch: u16) -> u32 {
-    (MAGIC ^ !(epoch as u32)) & 0xffff
+const fn mark(words: u16) -> u32 {
+    (MAGIC ^ !(words as u32)) & 0xffff
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
-
-    #[test]
-    fn an_empty_register_holds_no_epoch() {
-        assert_eq!(epoch_from_register(0), None);
-        assert_eq!(epoch_from_register(u32::MAX), None);
-    }
 
     #[test]
     fn last_words_are_remembered_and_nothing_else() {
@@ -166,31 +125,11 @@ mod tests {
     }
 
     proptest! {
-        /// Every birth is newer than all before it within a day and a half, as receivers compare.
-        #[test]
-        fn truth_a_later_birth_is_newer(
-            first_gps_s in 0..4_000_000_000_i64,
-            after_s in 4..131_000_i64,
-            kept: bool,
-        ) {
-            let first = epoch_at_birth(None, first_gps_s);
-            let next = epoch_at_birth(kept.then_some(first), first_gps_s + after_s);
-            prop_assert!((next.wrapping_sub(first) as i16) > 0);
-        }
-
-        /// With the register, whatever time does.
-        #[test]
-        fn with_the_register_it_is_newer_at_any_time(last: u16, gps_s: i64) {
-            let next = epoch_at_birth(Some(last), gps_s);
-            prop_assert!((next.wrapping_sub(last) as i16) > 0);
-        }
-
         /// One flipped bit is noticed.
         #[test]
-        fn damage_is_noticed(epoch: u16, bit in 0..32_u32) {
-            let register = register_of_epoch(epoch);
-            prop_assert_eq!(epoch_from_register(register), Some(epoch));
-            prop_assert_eq!(epoch_from_register(register ^ (1 << bit)), None);
+        fn damage_is_noticed(which in 0..LastWords::ALL.len(), bit in 0..32_u32) {
+            let words = LastWords::ALL[which];
+            prop_assert_eq!(LastWords::from_register(words.register() ^ (1 << bit)), LastWords::None);
         }
     }
 }

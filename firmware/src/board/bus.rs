@@ -26,13 +26,14 @@ use crate::{
 use heapless::Vec;
 use serde::{Deserialize, Serialize, Serializer};
 use skyroost_protocol::{
+    key::Key,
     message::AttachedUser,
     stream::{StreamFrame, encode_stream_with},
     units::{DroneId, OccasionId, TimePs, ToaSigma, UserId},
 };
 
 /// Version of the bus; with the radio's schema hash it says whether host and image understand each other.
-pub const BUS_VERSION: u16 = 3;
+pub const BUS_VERSION: u16 = 4;
 
 /// Most bytes of the radio in one message.
 pub const MAX_RADIO_PART: usize = 200;
@@ -77,7 +78,7 @@ pub enum ToBoard<'a> {
 }
 
 /// How a drone is born on the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Begin {
     /// The host's [`BUS_VERSION`].
     pub bus_version: u16,
@@ -88,6 +89,8 @@ pub struct Begin {
     pub radio_part: u8,
     /// The drone.
     pub config: WireConfig,
+    /// The root key of its link to the control center; none where nothing is sealed.
+    pub key: Option<Key>,
 }
 
 /// [`AgentConfig`] as it crosses the bus.

@@ -3,12 +3,21 @@
 use super::shell::{Shell, Stopwatch};
 use crate::config::AgentConfig;
 use crate::io::{Inputs, Outputs};
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::{key::Key, units::TimePs};
 
 impl Shell {
-    /// Be the drone of this configuration, and forget what was before.
-    pub async fn begin(&self, config: AgentConfig) {
-        self.core.lock().await.begin(config);
+    /// Be the drone of the configuration and the root key that `born` gives, and forget what was before.
+    ///
+    /// # Errors
+    /// What `born` says; nothing is forgotten then.
+    pub async fn begin<E>(
+        &self,
+        born: impl FnOnce() -> Result<(AgentConfig, Option<Key>), E>,
+    ) -> Result<(), E> {
+        let mut core = self.core.lock().await;
+        let (config, key) = born()?;
+        core.begin(config, key);
+        Ok(())
     }
 
     /// Does the step at `now` for `board`: `sense` adds to the radio's frames what else was sensed, `act` sees

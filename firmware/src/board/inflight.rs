@@ -94,12 +94,6 @@ impl Inflight {
         self.identity
     }
 
-    /// GPS time of a step, in seconds; none before the board knows its mission's epoch.
-    #[must_use]
-    pub fn gps_s(&self, now: TimePs) -> Option<i64> {
-        Some(self.identity?.epoch_gps_s.saturating_add(now.as_us().div_euclid(1_000_000)))
-    }
-
     /// What was amiss so far.
     #[must_use]
     pub const fn counters(&self) -> &InflightCounters {
@@ -324,7 +318,6 @@ mod tests {
         let mut board = flown(10);
         assert_eq!(board.step_time(timer(10_000)), Some(TimePs::from_ms(10_000)));
         assert_eq!(board.identity().map(|identity| identity.drone), Some(DroneId(3)));
-        assert_eq!(board.gps_s(TimePs::from_ms(10_000)), Some(EPOCH_GPS_S + 10));
     }
 
     #[test]

@@ -12,6 +12,7 @@ use crate::{
 use skyroost_protocol::{
     SCHEMA_HASH,
     codec::Frame,
+    key::Key,
     stream::{StreamDecoder, StreamFrame, encode_stream},
     units::{DroneId, TimePs},
 };
@@ -19,8 +20,8 @@ use skyroost_protocol::{
 /// What the host asks of the board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ask<'a> {
-    /// Be this drone, then [`Lockstep::begun`] says what to answer.
-    Begin(AgentConfig),
+    /// Be this drone, with this root key, then [`Lockstep::begun`] says what to answer.
+    Begin(AgentConfig, Option<Key>),
     /// These bytes came over the radio.
     Radio(&'a [u8]),
     /// All inputs of a step are there: do it, call [`Lockstep::stepped`], and answer from this part on.
@@ -160,7 +161,7 @@ impl Steps {
                 self.radio_part = usize::from(begin.radio_part).clamp(1, MAX_RADIO_PART);
                 (self.done, self.next, self.cost, self.worst_cost) = (0, 0, 0, 0);
                 inputs.clear();
-                Some(Ask::Begin(config))
+                Some(Ask::Begin(config, begin.key))
             }
             ToBoard::Report => Some(Ask::Report),
             _ if self.begun.is_none() => refuse(Refusal::NotBegun),

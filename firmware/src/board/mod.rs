@@ -12,6 +12,7 @@ pub mod fly;
 pub mod grid;
 pub mod inflight;
 pub mod lockstep;
+pub mod provision;
 #[cfg(all(target_arch = "arm", target_os = "none", feature = "shell"))]
 pub mod shell;
 pub mod ticks;

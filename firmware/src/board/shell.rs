@@ -29,6 +29,7 @@ use embassy_sync::{
     blocking_mutex::raw::CriticalSectionRawMutex as Raw, mutex::Mutex, pipe::Pipe, signal::Signal,
 };
 use skyroost_protocol::{
+    key::Key,
     stream::StreamFrame,
     units::{DroneId, TimePs},
 };
@@ -79,7 +80,7 @@ static OUTPUTS: ConstStaticCell<Outputs> = ConstStaticCell::new(Outputs::new());
 /// Makes the agent that is nobody yet.
 #[inline(never)] // so that what this takes of the stack is given back
 fn nobody(place: &'static mut MaybeUninit<FlightAgent>) -> &'static mut FlightAgent {
-    place.write(FlightAgent::new(AgentConfig::new(DroneId(1))))
+    place.write(FlightAgent::new(AgentConfig::new(DroneId(1)), None))
 }
 
 impl Shell {
@@ -120,8 +121,8 @@ impl Shell {
                 rest = rest.get(taken..).unwrap_or(&[]);
                 let Some(ask) = ask else { continue };
                 match ask {
-                    Ask::Begin(config) => {
-                        self.core.lock().await.begin(config);
+                    Ask::Begin(config, key) => {
+                        self.core.lock().await.begin(config, key);
                         defmt::info!("drone {=u16} begins", config.id.0);
                         self.say(lockstep.begun(), &mut frame).await;
                     }
@@ -191,13 +192,13 @@ impl Shell {
     pub async fn dropped(&self) -> (u32, u32, u32) {
         let core = self.core.lock().await;
         let agent = core.agent.counters();
-        (core.radio.damaged(), core.radio.overflowed(), agent.frames_rejected.saturating_add(agent.dropped()))
+        (core.radio.damaged(), core.radio.overflowed(), agent.unreadable().saturating_add(agent.dropped()))
     }
 }
 
 impl Core {
-    pub(super) fn begin(&mut self, config: AgentConfig) {
-        self.agent.restart(config);
+    pub(super) fn begin(&mut self, config: AgentConfig, key: Option<Key>) {
+        self.agent.restart(config, key);
         self.inputs.clear();
         self.outputs.clear();
         self.radio = RadioIntake::new();

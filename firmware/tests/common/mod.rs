@@ -35,7 +35,7 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn new() -> Self {
         Self {
-            agent: FlightAgent::new(AgentConfig::new(ME)),
+            agent: FlightAgent::new(AgentConfig::new(ME), None),
             inputs: Inputs::new(),
             outputs: Outputs::new(),
             step: 0,

@@ -19,7 +19,9 @@ use crate::fleet::Backend;
 use crate::geometry::V2;
 use crate::geometry::polygon::Polygon;
 use crate::rng::Stream;
-use crate::runner::{self, InputError, MissionArea, MissionInput, Outcome, RunError, RunOptions};
+use crate::runner::{
+    self, InputError, MissionArea, MissionInput, MissionKeys, Outcome, RunError, RunOptions,
+};
 use crate::scenario::Scenario;
 use crate::world::users::poisson_users;
 
@@ -133,6 +135,7 @@ fn fly(scenario: &Scenario, cancel: &AtomicBool) -> Result<Outcome, RunError> {
         obstacles: Vec::new(),
         fence: None,
         users: None,
+        keys: MissionKeys::default(),
     };
     let options = RunOptions { threads: 1, backend: Backend::InProc, cancel, progress: &|_| {} };
     // On a thread that is not of the pool: one of the pool that waits for the mission's own would begin further missions

@@ -2,6 +2,7 @@
 
 use super::accuracy::AccuracyFailure;
 use super::encounter::EncounterFailure;
+use super::keys::KeysFailure;
 use super::locate::LocateFailure;
 use super::output::OutputError;
 use super::place::PlaceFailure;
@@ -81,6 +82,9 @@ pub(super) enum Failure {
     /// Nobody can meet.
     #[error(transparent)]
     Encounter(#[from] EncounterFailure),
+    /// Keys cannot be read or made.
+    #[error(transparent)]
+    Keys(#[from] KeysFailure),
     /// A campaign does not go on.
     #[error(transparent)]
     Campaign(#[from] CampaignError),
@@ -107,6 +111,7 @@ impl Failure {
             | Self::Place(_)
             | Self::Accuracy(_)
             | Self::Encounter(_)
+            | Self::Keys(_)
             | Self::Output(_)
             | Self::Stdout(_) => Exit::BadInput,
             Self::Sweep(failure) => failure.exit(),

@@ -3,7 +3,7 @@
 
 use crate::control::area::{Area, AreaError, read_fence, read_obstacles};
 use crate::geometry::frame::LocalFrame;
-use crate::runner::{InputError, MissionArea, MissionInput, RunError};
+use crate::runner::{InputError, MissionArea, MissionInput, MissionKeys, RunError};
 use crate::scenario::{LoadedScenario, Overrides, Scenario};
 use crate::world::users::read_users;
 use std::path::Path;
@@ -31,7 +31,14 @@ pub(super) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<Mission
             "{drones} drones cannot sweep: a fleet needs {FLEET_SIZE}"
         )));
     }
-    Ok(MissionInput { scenario, area, obstacles: obstacles.unwrap_or_default(), fence, users })
+    Ok(MissionInput {
+        scenario,
+        area,
+        obstacles: obstacles.unwrap_or_default(),
+        fence,
+        users,
+        keys: MissionKeys::default(),
+    })
 }
 
 /// What a file in WGS84 holds, where the scenario names one.

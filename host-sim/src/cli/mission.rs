@@ -2,13 +2,15 @@
 
 use super::console::Console;
 use super::exit::{Exit, Failure, UsageError};
+use super::keys::KeysFailure;
 use super::output::OutputDir;
 use super::{inputs, interrupt};
+use crate::control::keys::file::KeyFile;
 use crate::fleet::{Backend, qemu::QemuOptions};
 use crate::recording::Recording;
 use crate::report::summary::Summary;
 use crate::report::{html, tables};
-use crate::runner::{self, Outcome, RunError, RunOptions};
+use crate::runner::{self, MissionKeys, Outcome, RunError, RunOptions};
 use crate::scenario::Overrides;
 use clap::Args;
 use std::fs::File;
@@ -103,6 +105,16 @@ pub(super) struct MissionArgs {
     #[arg(long, value_name = "DIR")]
     board_log: Option<PathBuf>,
 
+    /// Seal the links with the keys of this file (`skyroost keys new`) instead of keys of the seed
+    #[arg(long, value_name = "FILE", conflicts_with = "unauthenticated")]
+    keys: Option<PathBuf>,
+
+    /// Do without keys: whoever can send can command the drones
+    ///
+    /// Otherwise every frame is sealed. The summary says so where it is not.
+    #[arg(long)]
+    unauthenticated: bool,
+
     /// Directory for the result files
     #[arg(long, value_name = "DIR", default_value = "skyroost-out")]
     out: PathBuf,
@@ -180,6 +192,15 @@ impl MissionArgs {
         })
     }
 
+    /// What seals the links of the mission; of a file of keys a boot is spent.
+    fn keys(&self, drones: u32) -> Result<MissionKeys, KeysFailure> {
+        Ok(match &self.keys {
+            _ if self.unauthenticated => MissionKeys::Unauthenticated,
+            Some(file) => MissionKeys::Given(KeyFile::read(file)?.open_links(drones as usize)?),
+            None => MissionKeys::Simulated,
+        })
+    }
+
     fn threads(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(cores, usize::from)
@@ -190,7 +211,8 @@ impl MissionArgs {
 pub(super) fn run(args: &MissionArgs) -> Result<Exit, Failure> {
     let backend = args.backend()?;
     let console = Console::new(args.quiet);
-    let input = inputs::load(args.scenario.as_deref(), &args.overrides())?;
+    let mut input = inputs::load(args.scenario.as_deref(), &args.overrides())?;
+    input.keys = args.keys(input.scenario.fleet.drones)?;
     let cancel = interrupt::flag(&console);
     let output = OutputDir::prepare("--out", &args.out)?;
     // Boards write their logs when they end, well or not; one that stays empty goes as it came.

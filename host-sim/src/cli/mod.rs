@@ -7,6 +7,7 @@
 //! - `accuracy`: tells how well a formation locates,
 //! - `encounter`: flies vehicles past each other,
 //! - `campaign`: plans, runs, merges and plots many runs,
+//! - `keys`: makes, shows and hands out the keys of links,
 //! - `answer`: files, and JSON or text, of commands that answer a question,
 //! - `inputs`: reads and checks everything before anything flies,
 //! - `output`: result files that appear whole or not at all,
@@ -23,6 +24,7 @@ mod encounter;
 mod exit;
 mod inputs;
 mod interrupt;
+mod keys;
 mod locate;
 mod mission;
 mod output;
@@ -64,6 +66,7 @@ enum Command {
     Accuracy(accuracy::AccuracyArgs),
     Encounter(encounter::EncounterArgs),
     Campaign(campaign::CampaignArgs),
+    Keys(keys::KeysArgs),
 }
 
 /// Runs the command line of this process and returns its exit status.
@@ -86,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Accuracy(args) => accuracy::run(args),
         Command::Encounter(args) => encounter::run(args),
         Command::Campaign(args) => campaign::run(args),
+        Command::Keys(args) => keys::run(args),
     };
     let exit = result.unwrap_or_else(|failure| {
         Console::error(&failure);

@@ -7,6 +7,7 @@ pub mod area;
 pub mod assemble;
 pub mod assign;
 pub mod captures;
+pub mod keys;
 pub mod localize;
 pub mod located;
 pub mod mission;

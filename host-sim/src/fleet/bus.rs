@@ -13,6 +13,7 @@ use skyroost_protocol::{
     SCHEMA_HASH,
     codec::Frame,
     header::{Header, Kind},
+    key::Key,
     stream::{StreamDecoder, StreamFrame, encode_stream},
     units::TimePs,
 };
@@ -134,13 +135,14 @@ impl<T: Transport> BusClient<T> {
         &self.counters
     }
 
-    /// Makes the board the drone of `config`.
-    pub(super) fn begin(&mut self, config: &AgentConfig) -> Result<(), BoardFault> {
+    /// Makes the board the drone of `config`, with this root key.
+    pub(super) fn begin(&mut self, config: &AgentConfig, key: Option<Key>) -> Result<(), BoardFault> {
         let begin = Begin {
             bus_version: BUS_VERSION,
             schema_hash: SCHEMA_HASH,
             radio_part: self.link.radio_part,
             config: WireConfig::from(config),
+            key,
         };
         self.clear();
         self.put(&ToBoard::Begin(begin));

@@ -19,7 +19,7 @@ use skyroost_firmware::{
     counters::Counters,
     io::{Inputs, Outputs},
 };
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::{key::Key, units::TimePs};
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -77,12 +77,12 @@ pub(crate) enum Hangar {
 }
 
 impl Hangar {
-    /// Starts the board of a drone.
-    pub(crate) fn start(&self, config: AgentConfig) -> Result<Box<dyn Board>, BoardError> {
+    /// Starts the board of a drone, with the root key of its link.
+    pub(crate) fn start(&self, config: AgentConfig, key: Option<Key>) -> Result<Box<dyn Board>, BoardError> {
         Ok(match self {
-            Self::InProc => Box::new(FlightAgent::new(config)),
-            Self::Qemu(launcher) => Box::new(launcher.start(config)?),
-            Self::Serial(ports) => Box::new(ports.start(config)?),
+            Self::InProc => Box::new(FlightAgent::new(config, key)),
+            Self::Qemu(launcher) => Box::new(launcher.start(config, key)?),
+            Self::Serial(ports) => Box::new(ports.start(config, key)?),
         })
     }
 }

@@ -17,7 +17,7 @@ use skyroost_firmware::{
     counters::Counters,
     io::{Inputs, Outputs},
 };
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::{key::Key, units::TimePs};
 use std::{
     io,
     path::{Path, PathBuf},
@@ -54,14 +54,14 @@ impl Ports {
     }
 
     /// Starts the board of a drone: drone 1 is at the first port.
-    pub(crate) fn start(&self, config: AgentConfig) -> Result<SerialBoard, BoardError> {
+    pub(crate) fn start(&self, config: AgentConfig, key: Option<Key>) -> Result<SerialBoard, BoardError> {
         let drone = config.id.0;
         let path = &self.ports[usize::from(drone) - 1];
         let failed = |fault| BoardError { drone, port: Some(path.clone()), fault, log: Vec::new() };
         let port = open(path).map_err(|error| failed(BoardFault::NotStarted(error.to_string())))?;
         let link = LinkKind { resend_after: Some(RESEND_AFTER), radio_part: RADIO_PART, window: WINDOW };
         let mut bus = BusClient::new(Wire { port, timeout: Duration::ZERO }, link);
-        bus.begin(&config).map_err(failed)?;
+        bus.begin(&config, key).map_err(failed)?;
         let speaker = Speaker { bus, punctuality: Punctuality::default() };
         let (jobs, to_do) = channel();
         let (done, answers) = channel();
@@ -320,7 +320,7 @@ mod tests {
     fn a_port_that_is_not_there_is_named() {
         let ports = Ports::new(&["/dev/no-such-port".into()]);
         let config = AgentConfig::new(skyroost_protocol::units::DroneId(1));
-        let Err(error) = ports.start(config) else { panic!("started") };
+        let Err(error) = ports.start(config, None) else { panic!("started") };
         assert!(error.to_string().contains("/dev/no-such-port"), "{error}");
     }
 }

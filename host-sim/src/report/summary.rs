@@ -180,6 +180,10 @@ pub struct LinkSummary {
     pub lost: u64,
     /// Frames that arrived and were refused by a decoder.
     pub rejected: u64,
+    /// Frames that arrived and were not sealed with the key that they have to be sealed with.
+    pub forged: u64,
+    /// Whether links are sealed. Where they are not, whoever can send can command the drones.
+    pub authenticated: bool,
 }
 
 /// A board of its own that one drone's flight code ran on.

@@ -118,9 +118,12 @@ fn safety(f: &mut fmt::Formatter<'_>, safety: &SafetySummary) -> fmt::Result {
 }
 
 fn link(f: &mut fmt::Formatter<'_>, link: &LinkSummary) -> fmt::Result {
-    let LinkSummary { frames, bytes, lost, rejected } = link;
+    let LinkSummary { frames, bytes, lost, rejected, forged, authenticated } = link;
     writeln!(f, "\nLink")?;
-    row(f, "frames", format!("{frames} ({bytes} bytes), {lost} lost, {rejected} rejected"))
+    if !authenticated {
+        row(f, "UNAUTHENTICATED", "whoever can send can command the drones")?;
+    }
+    row(f, "frames", format!("{frames} ({bytes} bytes), {lost} lost, {rejected} rejected, {forged} forged"))
 }
 
 fn boards(f: &mut fmt::Formatter<'_>, boards: &[BoardSummary]) -> fmt::Result {

@@ -3,6 +3,7 @@
 use crate::{
     control::{
         area::{AreaError, Obstacle},
+        keys::LinkKeys,
         mission::MissionError,
         sweep::SweepError,
     },
@@ -36,6 +37,20 @@ pub struct MissionInput {
     pub fence: Option<Polygon>,
     /// The users' true positions; none where they are to be strewn at the scenario's density.
     pub users: Option<Vec<User>>,
+    /// What seals the links.
+    pub keys: MissionKeys,
+}
+
+/// What seals the links of a mission.
+#[derive(Clone, Debug, Default)]
+pub enum MissionKeys {
+    /// Keys of the scenario's seed: good for a simulation and for nothing else.
+    #[default]
+    Simulated,
+    /// These.
+    Given(LinkKeys),
+    /// Nothing: whoever can send can command the drones.
+    Unauthenticated,
 }
 
 impl MissionInput {
@@ -45,7 +60,14 @@ impl MissionInput {
     /// [`InputError::Polygon`] for a rectangle without an area.
     pub fn of_rectangle(scenario: Scenario) -> Result<Self, InputError> {
         let area = MissionArea::rectangle(&scenario)?;
-        Ok(Self { scenario, area, obstacles: Vec::new(), fence: None, users: None })
+        Ok(Self {
+            scenario,
+            area,
+            obstacles: Vec::new(),
+            fence: None,
+            users: None,
+            keys: MissionKeys::default(),
+        })
     }
 }
 

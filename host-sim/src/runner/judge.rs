@@ -50,6 +50,8 @@ pub(super) fn outcome(
     let sites = sites(setup, &flight);
     let placement = users.placement(setup, &flight, &sites)?;
     let counters = flight.link_counters();
+    let refusals = flight.control.refusals();
+    let [rejected_on_board, forged_on_board] = flight.refused_on_board();
     let (squares_m2, samples) =
         flight.fleets.iter().map(FleetWatch::errors).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
     let warnings = warnings(input, &flight, &sweep);
@@ -76,7 +78,9 @@ pub(super) fn outcome(
             frames: counters.sent,
             bytes: counters.bytes,
             lost: counters.lost + counters.dropped_overflow,
-            rejected: flight.control.counters().frames_rejected + flight.rejected_on_board(),
+            rejected: refusals.rejected + flight.control.counters().frames_of_strangers + rejected_on_board,
+            forged: refusals.forged + forged_on_board,
+            authenticated: setup.plan.keys.is_sealed(),
         },
         lost: flight
             .control

@@ -21,7 +21,9 @@ mod setup;
 mod space;
 mod watch;
 
-pub use input::{InputError, MissionArea, MissionInput, Outcome, Progress, RunError, RunOptions};
+pub use input::{
+    InputError, MissionArea, MissionInput, MissionKeys, Outcome, Progress, RunError, RunOptions,
+};
 pub use search::random_search;
 
 use crate::{
@@ -37,7 +39,7 @@ use digest::Digest;
 use island::{Island, IslandTimes};
 use links::Outbox;
 use setup::Setup;
-use skyroost_firmware::{STEP_US, supervisor::Condition};
+use skyroost_firmware::{STEP_US, counters::Counters, supervisor::Condition};
 use skyroost_protocol::units::DroneId;
 use std::{
     collections::BTreeSet,
@@ -128,7 +130,8 @@ const TIMED_WINDOW: u64 = 17;
 impl Flight {
     fn new(input: &MissionInput, setup: &Setup, hangar: &Hangar, threads: usize) -> Result<Self, BoardError> {
         let scenario = &input.scenario;
-        let islands = setup::islands(scenario, &setup.plan.drones, setup.plan.fleets.len(), hangar)?;
+        let islands =
+            setup::islands(scenario, &setup.plan.drones, setup.plan.fleets.len(), &setup.plan.keys, hangar)?;
         let mut place_of = vec![(0, 0); setup.plan.drones.len()];
         for (index, island) in islands.iter().enumerate() {
             for (member, drone) in island.drones.iter().enumerate() {
@@ -321,9 +324,12 @@ impl Flight {
         Ok(reports.into_iter().map(|(_, report)| report).collect())
     }
 
-    /// Frames that the flight code refused.
-    fn rejected_on_board(&self) -> u64 {
-        self.reports.iter().map(|report| u64::from(report.counters.frames_rejected)).sum()
+    /// Frames that the flight code could not read, and those that were not sealed as they have to be.
+    fn refused_on_board(&self) -> [u64; 2] {
+        let sum = |count: fn(&Counters) -> u32| {
+            self.reports.iter().map(|report| u64::from(count(&report.counters))).sum()
+        };
+        [sum(|counters| counters.frames_rejected), sum(|counters| counters.frames_forged)]
     }
 
     /// Captures that came late, by occasion and drone.

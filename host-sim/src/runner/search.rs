@@ -50,7 +50,8 @@ pub fn random_search(
     }
     let stand = |(id, at): (u16, &V2)| PlannedDrone { id: DroneId(id), pad_m: at.push(0.0), fleet: None };
     let drones: Vec<PlannedDrone> = (1..).zip(&starts_m).map(stand).collect();
-    let mut islands = setup::islands(scenario, &drones, 0, &Hangar::InProc)?;
+    let keys = setup::simulated_keys(scenario.seed, drones.len());
+    let mut islands = setup::islands(scenario, &drones, 0, &keys, &Hangar::InProc)?;
     let place_of: Vec<(usize, usize)> = (0..drones.len()).map(|drone| (drone, 0)).collect();
     let around = setup::surroundings(scenario, &[]);
     let plan = SearchPlan {
@@ -60,6 +61,7 @@ pub fn random_search(
         d_safe_m: fleet.d_safe_m,
         vertical: fleet.vertical,
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
+        keys,
         accel_mps2: fleet.max_accel_mps2,
         delay_s: link_delay_s(scenario) + LAG_S,
         brake_m: f64::from(goto::braking_m(fleet.speed_mps as f32)),

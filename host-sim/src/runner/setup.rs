@@ -1,7 +1,7 @@
 //! From a scenario to a mission plan and a world to fly it in.
 
 use super::{
-    InputError, MissionInput, RunError,
+    InputError, MissionInput, MissionKeys, RunError,
     drone::{Drone, Parts},
     flights::{Bases, Flights},
     formation,
@@ -13,6 +13,7 @@ use crate::{
     control::{
         airspace::{self, Airspace},
         assemble,
+        keys::LinkKeys,
         localize::{ClockModel, LocalizeConfig},
         mission::plan::{MissionPlan, PlannedDrone, PlannedFleet},
         srs_schedule::SrsConfig,
@@ -20,7 +21,7 @@ use crate::{
     },
     fleet::{BoardError, Hangar},
     geometry::{V2, V3, region::Region},
-    rng::Stream,
+    rng::{self, Stream},
     scenario::{ClockTable, GnssMode, Orientation, Scenario, SplitMode},
     world::{
         battery::{Battery, BatteryConfig},
@@ -35,6 +36,7 @@ use crate::{
         wind::{Wind, WindConfig},
     },
 };
+use rand_core::Rng;
 use skyroost_firmware::{
     STEP_S,
     avoid::TRACKING_M,
@@ -43,6 +45,7 @@ use skyroost_firmware::{
     srs::{clock::TickRate, discipline::Oscillator},
 };
 use skyroost_protocol::{
+    key::{KEY_LEN, Key},
     message::{Heading, MAX_WAYPOINTS},
     units::{DroneId, TimePs},
 };
@@ -84,7 +87,8 @@ impl Setup {
         let flights = Flights::new(scenario, &sweep, &bases);
         let airspace = space::airspace(input, obstacles, &flights)?;
         let walls_mm = space::walls(&airspace, &flights)?;
-        let plan = mission_plan(scenario, flights, airspace, walls_mm);
+        let keys = link_keys(input, flights.drones.len());
+        let plan = mission_plan(scenario, flights, airspace, walls_mm, keys);
         check_lanes(&sweep, &plan)?;
         check_endurance(scenario, &sweep, &plan)?;
         Ok(Self { sweep, plan, users, region })
@@ -174,6 +178,7 @@ fn mission_plan(
     flights: Flights,
     airspace: Airspace,
     walls_mm: Vec<[i32; 2]>,
+    keys: LinkKeys,
 ) -> MissionPlan {
     let table = &scenario.fleet;
     let Flights { drones, fleets, assembled_m, orientation_rad } = flights;
@@ -213,7 +218,29 @@ fn mission_plan(
             ..LocalizeConfig::default()
         },
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
+        keys,
+        rekey_period: scenario.link.rekey_s.map(|period_s| TimePs((period_s * 1e12) as i64)),
     }
+}
+
+/// What seals the links of so many drones.
+fn link_keys(input: &MissionInput, drones: usize) -> LinkKeys {
+    match &input.keys {
+        MissionKeys::Simulated => simulated_keys(input.scenario.seed, drones),
+        MissionKeys::Given(keys) => keys.clone(),
+        MissionKeys::Unauthenticated => LinkKeys::none(),
+    }
+}
+
+/// Keys that follow from the seed, as everything in a simulation does.
+pub(super) fn simulated_keys(seed: u64, drones: usize) -> LinkKeys {
+    let key = |index| {
+        let mut bytes = [0; KEY_LEN];
+        rng::stream(seed, Stream::Keys, index).fill_bytes(&mut bytes);
+        Key::new(bytes)
+    };
+    // The control center's own chance has the number that no drone has.
+    LinkKeys::new((1..=drones as u64).map(key).collect(), 1, &key(0))
 }
 
 /// What is unknown about the clocks that arrivals are read off.
@@ -295,6 +322,7 @@ pub(super) fn islands(
     scenario: &Scenario,
     drones: &[PlannedDrone],
     fleets: usize,
+    keys: &LinkKeys,
     hangar: &Hangar,
 ) -> Result<Vec<Island>, BoardError> {
     let count = drones.len();
@@ -312,7 +340,7 @@ pub(super) fn islands(
         ..link_config(scenario)
     };
     for indices in members {
-        let own = indices.iter().map(|&index| drone(scenario, &drones[index], hangar));
+        let own = indices.iter().map(|&index| drone(scenario, &drones[index], keys, hangar));
         let own = own.collect::<Result<_, _>>()?;
         let pairs =
             indices.iter().flat_map(|&from| indices.iter().map(move |&to| (from * count + to) as u64));
@@ -340,7 +368,12 @@ pub(super) fn link_delay_s(scenario: &Scenario) -> f64 {
     scenario.link.delay_s + scenario.link.jitter_s
 }
 
-fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result<Drone, BoardError> {
+fn drone(
+    scenario: &Scenario,
+    planned: &PlannedDrone,
+    keys: &LinkKeys,
+    hangar: &Hangar,
+) -> Result<Drone, BoardError> {
     let (seed, index) = (scenario.seed, u64::from(planned.id.0));
     let number = u32::from(planned.id.0);
     let dt_s = f64::from(STEP_S);
@@ -373,7 +406,7 @@ fn drone(scenario: &Scenario, planned: &PlannedDrone, hangar: &Hangar) -> Result
     let drone = Drone::new(
         planned.id,
         Parts {
-            board: hangar.start(agent_config(scenario, planned.id))?,
+            board: hangar.start(agent_config(scenario, planned.id), keys.root(planned.id).cloned())?,
             vehicle: Vehicle::new(vehicle, dt_s, planned.pad_m),
             uplink: Link::new(link_config(scenario), seed, Stream::LinkUp, index),
             downlink: Link::new(link_config(scenario), seed, Stream::LinkDown, index),

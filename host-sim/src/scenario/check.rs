@@ -85,6 +85,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("srs.period_s", srs.period_s, 3600.0),
         ("wind.gust_time_s", wind.gust_time_s, 3600.0),
         ("link.share_period_s", link.share_period_s, 10.0),
+        ("link.rekey_s", link.rekey_s.unwrap_or(1.0), MAX_TIME_S),
         ("battery.endurance_s", battery.endurance_s, MAX_TIME_S),
         ("mission.time_s", mission.time_s, MAX_TIME_S),
         ("mission.duration_s", mission.duration_s.unwrap_or(1.0), MAX_TIME_S),

@@ -400,6 +400,8 @@ pub struct LinkTable {
     pub share_period_s: f64,
     /// Delay of a frame between drones of a fleet.
     pub peer_delay_s: f64,
+    /// Every so often the keys of the links are changed; never where it is not stated.
+    pub rekey_s: Option<f64>,
 }
 
 impl Default for LinkTable {
@@ -412,6 +414,7 @@ impl Default for LinkTable {
             reorder_fraction: 0.0,
             share_period_s: 0.1,
             peer_delay_s: 0.02,
+            rekey_s: Some(1_800.0),
         }
     }
 }

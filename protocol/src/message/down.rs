@@ -2,6 +2,7 @@
 
 use super::layout::wire;
 use super::up::SharedState;
+use crate::key::Key;
 use crate::units::{CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TimePs, UserId};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -27,6 +28,8 @@ wire! {
             version: u8,
             /// The control center's schema hash.
             schema_hash: u32,
+            /// Whether the numbers of its commands go on where those of its boot before ended. Otherwise they begin anew.
+            resumes: bool,
         },
         /// The link is alive.
         Heartbeat,
@@ -74,6 +77,10 @@ wire! {
         Hold,
         /// Go back to the pad and land.
         ReturnHome,
+        /// The key that this link is sealed with after the first frame that comes under it.
+        Rekey(Key),
+        /// The key that the frames of fleet mates are sealed with from now on.
+        PeerKey(Key),
     }
 
     /// What a drone must know of a mission besides the lanes.

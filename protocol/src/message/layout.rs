@@ -9,6 +9,7 @@
 //! differ from what serde derives from the same definition.
 
 use super::{Down, Manner, Peer, TdoaFlags, Up};
+use crate::key::{KEY_LEN, Key};
 use crate::units::{
     CommandId, DroneId, FleetId, MissionId, OccasionId, PosEnuMm, TdoaPs, TimePs, ToaSigma, UserId,
     VelEnuMmps,
@@ -35,6 +36,16 @@ pub(crate) trait Layout {
 impl Layout for u8 {
     const MAX_LEN: usize = 1;
     const SHAPE: u32 = shape_of("u8");
+}
+
+impl Layout for bool {
+    const MAX_LEN: usize = 1;
+    const SHAPE: u32 = shape_of("bool");
+}
+
+impl Layout for Key {
+    const MAX_LEN: usize = KEY_LEN;
+    const SHAPE: u32 = shape_of("Key");
 }
 
 macro_rules! varints {

@@ -4,6 +4,7 @@ use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 use skyroost_protocol::codec::encode;
+use skyroost_protocol::key::{KEY_LEN, Key};
 use skyroost_protocol::message::{
     AckStatus, Attached, AttachedUser, CaptureEntry, ClockState, Command, Down, EventCode, FlightPhase,
     Heading, LanePiece, MAX_ATTACHED_PER_FRAME, MAX_CAPTURES_PER_FRAME, MAX_LANE_PIECE, MAX_PEERS_PER_FRAME,
@@ -212,6 +213,8 @@ fn command() -> impl Strategy<Value = Command> {
         pos().prop_map(|target| Command::Place { target }),
         Just(Command::Hold),
         Just(Command::ReturnHome),
+        any::<[u8; KEY_LEN]>().prop_map(|bytes| Command::Rekey(Key::new(bytes))),
+        any::<[u8; KEY_LEN]>().prop_map(|bytes| Command::PeerKey(Key::new(bytes))),
     ]
 }
 
@@ -231,7 +234,11 @@ fn srs_request() -> impl Strategy<Value = SrsRequest> {
 pub(crate) fn down() -> impl Strategy<Value = Down> {
     let neighbour = (id(DroneId), state()).prop_map(|(drone, state)| PeerState { drone, state });
     prop_oneof![
-        any::<(u8, u32)>().prop_map(|(version, schema_hash)| Down::Welcome { version, schema_hash }),
+        any::<(u8, u32, bool)>().prop_map(|(version, schema_hash, resumes)| Down::Welcome {
+            version,
+            schema_hash,
+            resumes
+        }),
         Just(Down::Heartbeat),
         (id(CommandId), command()).prop_map(|(id, command)| Down::Command { id, command }),
         lane_piece().prop_map(Down::LanePiece),

@@ -32,8 +32,8 @@ impl Pair {
         let options = || QemuOptions { image: Some(image().to_owned()), log_dir: None };
         let launcher = LAUNCHER.get_or_init(|| Launcher::new(&options()).expect("the image of the board"));
         Self {
-            host: FlightAgent::new(config),
-            board: launcher.start(config).expect("an emulated board"),
+            host: FlightAgent::new(config, None),
+            board: launcher.start(config, None).expect("an emulated board"),
             outputs: Outputs::default(),
             from_board: Outputs::default(),
             steps: 0,

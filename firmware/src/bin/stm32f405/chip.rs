@@ -10,9 +10,10 @@ use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, DMA2_CH2, DMA2_CH7, USART1,
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, interrupt::typelevel};
-use skyroost_firmware::board::autopilot::Start;
+use skyroost_firmware::board::autopilot::{Given, Start};
 use skyroost_firmware::board::shell::Shell;
 
+use super::given::Sector;
 use super::{DRIVER_PRIORITY, Executors, capture, clocks, emulator, flight, links, safe, supply};
 
 /// The watchdog resets the board when no step has ended for this long: ten slots at the nominal 32 kHz
@@ -62,12 +63,11 @@ pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
     let started = supply::start();
     supply::guard();
     defmt::info!(
-        "skyroost {=str} on stm32f405 after {=str} ({=u8:#09b}), last words: {=str}, last epoch: {}",
+        "skyroost {=str} on stm32f405 after {=str} ({=u8:#09b}), last words: {=str}",
         env!("CARGO_PKG_VERSION"),
         started.cause.name(),
         started.cause.0,
         started.words.name(),
-        started.last_epoch,
     );
     if !crystal {
         defmt::error!("the crystal does not start: nothing will be commanded");
@@ -106,13 +106,13 @@ pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
     let bus_rx = bus_rx.into_ring_buffered(bus_buffer);
     let radio_rx = radio_rx.into_ring_buffered(radio_buffer);
     let start = Start {
-        last_epoch: started.last_epoch,
+        given: Given::Unread,
         reset_cause: started.cause.0,
         last_words: started.words as u8,
         crystal,
     };
     let watchdog = IndependentWatchdog::new(peripherals.IWDG, WATCHDOG_US);
-    executors.guide(flight::guidance(shell, watchdog, start));
+    executors.guide(flight::guidance(shell, watchdog, Sector::new(peripherals.FLASH), start));
     executors.link(read_bus(shell, bus_rx));
     executors.link(write_bus(shell, bus_tx));
     executors.link(read_radio(shell, radio_rx));

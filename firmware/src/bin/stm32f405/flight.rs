@@ -7,8 +7,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex as Raw;
 use embassy_sync::pipe::Pipe;
 use embassy_time::{Instant, Timer};
-use skyroost_firmware::board::autopilot::{Start, Status, TO_AUTOPILOT, ToAutopilot, encode};
-use skyroost_firmware::board::boot::epoch_at_birth;
+use skyroost_firmware::board::autopilot::{Given, Start, Status, TO_AUTOPILOT, ToAutopilot, encode};
 use skyroost_firmware::board::bus_mode::BusMode;
 use skyroost_firmware::board::cadence::GUIDANCE_PERIOD_US;
 use skyroost_firmware::board::grid::{Grid, Waking};
@@ -19,12 +18,14 @@ use skyroost_firmware::io::{Outputs, SrsGate};
 use skyroost_firmware::srs::clock::TickRate;
 use skyroost_firmware::srs::discipline::Oscillator;
 use skyroost_protocol::codec::Frame;
+use skyroost_protocol::key::Key;
 use skyroost_protocol::stream::{StreamFrame, encode_stream};
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::units::{DroneId, TimePs};
 
 use super::capture::{self, Window};
+use super::given::Sector;
 use super::links::{self, MESSAGES, MODE, RADIO_OUT, STATUS};
-use super::{SysTick, safe, supply};
+use super::{SysTick, safe};
 
 const TIMER_RATE: TickRate = match TickRate::new(capture::RATE_HZ) {
     Ok(rate) => rate,
@@ -60,6 +61,7 @@ static UNSENT: AtomicU32 = AtomicU32::new(0);
 pub(crate) async fn guidance(
     shell: &'static Shell,
     mut watchdog: IndependentWatchdog<'static, IWDG>,
+    sector: Sector,
     start: Start,
 ) {
     match MODE.wait().await {
@@ -67,7 +69,7 @@ pub(crate) async fn guidance(
         BusMode::Undecided | BusMode::Bench => shell.guidance(SysTick).await,
         BusMode::Flight => {
             watchdog.unleash();
-            Pilot::new(shell, start).fly(|| watchdog.pet()).await;
+            Pilot::new(shell, sector, start).fly(|| watchdog.pet()).await;
         }
     }
 }
@@ -81,6 +83,7 @@ pub(crate) async fn bench_guidance(shell: &'static Shell) {
 /// Guidance in flight.
 struct Pilot {
     shell: &'static Shell,
+    sector: Sector,
     start: Start,
     board: Inflight,
     /// None until GNSS time is known and with it the drone is born.
@@ -89,9 +92,9 @@ struct Pilot {
 }
 
 impl Pilot {
-    fn new(shell: &'static Shell, start: Start) -> Self {
+    fn new(shell: &'static Shell, sector: Sector, start: Start) -> Self {
         let board = Inflight::new(OSCILLATOR, capture::now());
-        Self { shell, start, board, grid: None, worst_step_cycles: 0 }
+        Self { shell, sector, start, board, grid: None, worst_step_cycles: 0 }
     }
 
     /// Flies for ever. `well` is called after every slot that ended as it should, and by nothing else.
@@ -117,7 +120,10 @@ impl Pilot {
         // Before GNSS time is known the drone is no part of a fleet: its times would be lies.
         let Some(now) = self.board.step_time(capture::now()) else { return u64::from(GUIDANCE_PERIOD_US) };
         if self.grid.is_none() {
-            self.be_born(now).await;
+            self.be_born().await;
+            if !self.may_fly() {
+                return u64::from(GUIDANCE_PERIOD_US);
+            }
         }
         let grid = self.grid.get_or_insert_default();
         if let Waking::Sleep { us } = grid.wake(now) {
@@ -137,16 +143,32 @@ impl Pilot {
         pause_us
     }
 
-    /// The agent is born when the board knows who it is and what time it is.
-    async fn be_born(&mut self, now: TimePs) {
-        let (Some(identity), Some(gps_s)) = (self.board.identity(), self.board.gps_s(now)) else { return };
-        let mut config = AgentConfig::new(identity.drone);
-        config.boot_epoch = epoch_at_birth(self.start.last_epoch, gps_s);
-        // TIM2 captures triggers and pulses alike: one oscillator, one discipline.
-        config.oscillator = OSCILLATOR;
-        supply::keep_epoch(config.boot_epoch);
-        self.shell.begin(config).await;
-        defmt::info!("drone {=u16} begins, boot epoch {=u16}", identity.drone.0, config.boot_epoch);
+    /// Whether the board was given what it takes.
+    fn may_fly(&self) -> bool {
+        matches!(self.start.given, Given::Key | Given::OpenLink)
+    }
+
+    /// The agent is born when the board knows who it is and what time it is, and finds a key for it. It looks once.
+    async fn be_born(&mut self) {
+        if self.start.given != Given::Unread {
+            return;
+        }
+        let Some(identity) = self.board.identity() else { return };
+        let (sector, mut given) = (&mut self.sector, Given::OpenLink);
+        let born = || {
+            let (config, key) = drone_of(sector, identity.drone)?;
+            defmt::info!("drone {=u16} begins, boot epoch {=u16}", config.id.0, config.boot_epoch);
+            if key.is_some() {
+                given = Given::Key;
+            }
+            Ok((config, key))
+        };
+        if let Err(why) = self.shell.begin(born).await {
+            defmt::error!("drone {=u16} cannot begin: {}", identity.drone.0, why);
+            given = why;
+        }
+        self.start.given = given;
+        say(self.shell, &ToAutopilot::Started(self.start));
     }
 
     async fn step(&mut self, now: TimePs) {
@@ -168,6 +190,19 @@ impl Pilot {
         STATUS.signal(status);
         defmt::debug!("{}; worst step {=u32} cycles", self.board.counters(), self.worst_step_cycles);
     }
+}
+
+/// Constants and key for this drone; spends a boot.
+fn drone_of(sector: &mut Sector, drone: DroneId) -> Result<(AgentConfig, Option<Key>), Given> {
+    let provision = sector.provision()?;
+    if provision.drone != drone {
+        return Err(Given::AnothersKey);
+    }
+    let mut config = AgentConfig::new(drone);
+    config.boot_epoch = sector.boot()?;
+    // TIM2 captures triggers and pulses alike: one oscillator, one discipline.
+    config.oscillator = OSCILLATOR;
+    Ok((config, provision.key))
 }
 
 /// Sees to it that what the step wants is done.

@@ -23,6 +23,7 @@ mod clocks;
 mod common;
 mod emulator;
 mod flight;
+mod given;
 mod links;
 mod safe;
 mod supply;

@@ -3,12 +3,10 @@
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac;
-use skyroost_firmware::board::boot::{LastWords, ResetCause, epoch_from_register, register_of_epoch};
+use skyroost_firmware::board::boot::{LastWords, ResetCause};
 
 use super::safe;
 
-/// Backup register of the last boot epoch.
-const EPOCH: usize = 0;
 /// Backup register of the last words.
 const WORDS: usize = 1;
 
@@ -17,7 +15,6 @@ const WORDS: usize = 1;
 pub(crate) struct Start {
     pub(crate) cause: ResetCause,
     pub(crate) words: LastWords,
-    pub(crate) last_epoch: Option<u16>,
 }
 
 /// Reads why the chip was reset, and clears it; reads what was left in the backup registers. The clocks are set up: only then is the backup domain what it stays, since a change of the
@@ -28,14 +25,8 @@ pub(crate) fn start() -> Start {
     csr.modify(|w| w.set_rmvf(true));
     csr.modify(|w| w.set_rmvf(false));
     let words = LastWords::from_register(pac::RTC.bkpr(WORDS).read().bkp());
-    let last_epoch = epoch_from_register(pac::RTC.bkpr(EPOCH).read().bkp());
     leave_word(LastWords::None);
-    Start { cause, words, last_epoch }
-}
-
-/// Keeps the epoch of this boot for the next.
-pub(crate) fn keep_epoch(epoch: u16) {
-    pac::RTC.bkpr(EPOCH).write(|w| w.set_bkp(register_of_epoch(epoch)));
+    Start { cause, words }
 }
 
 /// Leaves word for the next start. From any context.

@@ -1,21 +1,25 @@
-//! The control center's end of one drone's link: numbering, the sequence window, and commands that are
-//! repeated until they are acknowledged.
+//! The control center's end of one drone's link: who may be believed, and commands that are repeated until they are
+//! acknowledged.
 
-use crate::geometry::V2;
+use crate::{control::keys::LinkKeys, geometry::V2};
 use skyroost_protocol::{
-    MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
-    codec::{MAX_FRAME, Sender},
+    DecodeError, LinkEnd, LinkFault, MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
+    codec::{MAX_FRAME, decode_body},
+    header::MANAGEMENT_VERSION,
+    key::{Key, ROOM},
+    manage::{Identity, MAX_MANAGEMENT, Management},
     message::{
         AckStatus, Command, Down, EventCode, FlightPhase, LanePiece, MAX_LANE_PIECE, MissionHeader,
         SharedState, Telemetry, Up, lanes_crc,
     },
-    session::Receiver,
     units::{CommandId, DroneId, PosEnuMm, TimePs, VelEnuMmps},
 };
 use std::collections::VecDeque;
 
 /// A command without an answer is repeated after this time: two ways of the radio and some.
 const REPEAT_AFTER: TimePs = TimePs::from_ms(600);
+/// A drone that does not speak to this boot of the control center is asked who it is so often.
+const IDENTIFY_EVERY: TimePs = TimePs::from_ms(1_000);
 /// Telemetry comes once a second; one may be lost.
 const TELEMETRY_FRESH: TimePs = TimePs::from_ms(2_500);
 /// Slower than this a drone stands still, millimetres a second in each direction.
@@ -77,13 +81,35 @@ pub enum DroneFailure {
     },
 }
 
+/// Frames of a drone that were not taken in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Refusals {
+    /// No frame of this protocol, or nothing that a drone says.
+    pub rejected: u64,
+    /// Not sealed with the drone's key: forged, damaged, or of a boot that is over.
+    pub forged: u64,
+    /// Seen before, or too old.
+    pub repeated: u64,
+}
+
+impl Refusals {
+    /// Adds those of another link.
+    pub fn add(&mut self, other: Self) {
+        self.rejected += other.rejected;
+        self.forged += other.forged;
+        self.repeated += other.repeated;
+    }
+}
+
 /// One drone as the control center sees it.
 #[derive(Debug)]
 pub struct DroneLink {
     /// Who.
     pub id: DroneId,
-    /// Whether it said hello with a schema this control center reads.
+    /// Whether it speaks this protocol, and to this boot of the control center.
     pub connected: bool,
+    /// What came on its link and was not taken in.
+    pub refusals: Refusals,
     /// Its last shared state.
     pub state: Option<SharedState>,
     /// Its last telemetry.
@@ -94,8 +120,8 @@ pub struct DroneLink {
     heard: TimePs,
     /// Whether it is in the air, and when it said so.
     in_the_air: (TimePs, bool),
-    sender: Sender,
-    receiver: Receiver,
+    end: LinkEnd,
+    identify_due: TimePs,
     queue: VecDeque<Command>,
     under_way: Option<UnderWay>,
     next_command: u16,
@@ -107,17 +133,18 @@ pub struct DroneLink {
 impl DroneLink {
     /// A drone not heard of yet.
     #[must_use]
-    pub fn new(id: DroneId) -> Self {
+    pub fn new(id: DroneId, keys: &LinkKeys) -> Self {
         Self {
             id,
             connected: false,
+            refusals: Refusals::default(),
             state: None,
             telemetry: None,
             lost: None,
             heard: TimePs(0),
             in_the_air: (TimePs(0), false),
-            sender: Sender::new(DroneId::CONTROL, 1),
-            receiver: Receiver::default(),
+            end: LinkEnd::new(DroneId::CONTROL, keys.boot_epoch(), id, keys.root(id).cloned()),
+            identify_due: TimePs(0),
             queue: VecDeque::new(),
             under_way: None,
             next_command: 1,
@@ -126,16 +153,103 @@ impl DroneLink {
         }
     }
 
-    /// Sequence window of the frames it sends.
-    pub fn receiver(&mut self) -> &mut Receiver {
-        &mut self.receiver
-    }
-
-    /// Takes in what the drone says of itself at `now`, and answers its hello; what it measured is left to the caller.
+    /// Takes in a frame that came at `now`: what the drone says of itself is kept, its hello answered; what it measured is
+    /// left to the caller. None of a frame that is not to be believed, or says nothing but who the drone is.
     ///
     /// # Errors
     /// When the drone refuses a command or speaks another protocol.
-    pub fn takes(
+    pub fn hear(
+        &mut self,
+        now: TimePs,
+        bytes: &[u8],
+        send: &mut impl FnMut(DroneId, &[u8]),
+    ) -> Result<Option<Up>, DroneFailure> {
+        match self.open(bytes) {
+            Ok(message) => self.takes(now, &message, send).map(|()| Some(message)),
+            Err(LinkFault::Decode(DecodeError::Version { found: MANAGEMENT_VERSION })) => {
+                self.managed(bytes, send)?;
+                Ok(None)
+            }
+            Err(fault) => {
+                self.refuse(fault);
+                if matches!(fault, LinkFault::Decode(DecodeError::Version { .. } | DecodeError::Forged)) {
+                    self.identify(now, send);
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    /// The message of a frame that is to be believed.
+    fn open(&mut self, bytes: &[u8]) -> Result<Up, LinkFault> {
+        let mut room = ROOM;
+        let opened = self.end.open(bytes, &mut room)?;
+        let message = decode_body(opened.body)?;
+        if !opened.bound {
+            // It may have been recorded: no more is believed than that the drone once booted so often.
+            if !matches!(message, Up::Hello { .. }) {
+                return Err(LinkFault::Unexpected);
+            }
+            self.end.meet(opened.header.boot_epoch);
+        }
+        self.connected = self.end.is_bound() && (self.end.is_sealed() || self.connected);
+        Ok(message)
+    }
+
+    fn refuse(&mut self, fault: LinkFault) {
+        let count = match fault {
+            LinkFault::Decode(DecodeError::Forged | DecodeError::Sealed | DecodeError::Unsealed) => {
+                &mut self.refusals.forged
+            }
+            LinkFault::Decode(_) | LinkFault::Unexpected => &mut self.refusals.rejected,
+            LinkFault::Repeated => &mut self.refusals.repeated,
+        };
+        *count += 1;
+    }
+
+    /// Asks a drone that this control center cannot read who it is, in the words of every version.
+    fn identify(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
+        if self.end.is_bound() || now < self.identify_due {
+            return;
+        }
+        self.identify_due = now.after(IDENTIFY_EVERY);
+        let mut frame = [0; MAX_MANAGEMENT];
+        let length = self.end.manage(&Management::Identify, &mut frame).expect("the frame holds it");
+        send(self.id, &frame[..length]);
+    }
+
+    /// A drone says who it is: one that understands is told that this control center is there.
+    fn managed(&mut self, bytes: &[u8], send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), DroneFailure> {
+        match self.end.managed(bytes) {
+            Ok((boot_epoch, Management::Identity(identity))) => {
+                let Identity { version_min, version_max, schema_hash, .. } = identity;
+                let version = self.common_version(version_min, version_max, schema_hash)?;
+                self.end.meet(boot_epoch);
+                if !self.end.is_bound() && self.end.other_epoch().is_some() {
+                    self.welcome(version, send);
+                }
+            }
+            Ok((_, Management::Identify)) => self.refuse(LinkFault::Unexpected),
+            Err(fault) => self.refuse(fault),
+        }
+        Ok(())
+    }
+
+    /// The newest version that both speak.
+    fn common_version(&self, version_min: u8, version_max: u8, schema_hash: u32) -> Result<u8, DroneFailure> {
+        let version = PROTOCOL_VERSION.min(version_max);
+        if schema_hash != SCHEMA_HASH || version < version_min.max(MIN_PROTOCOL_VERSION) {
+            let drone = self.id;
+            return Err(DroneFailure::Incompatible { drone, version_min, version_max, schema_hash });
+        }
+        Ok(version)
+    }
+
+    fn welcome(&mut self, version: u8, send: &mut impl FnMut(DroneId, &[u8])) {
+        self.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH, resumes: false }, send);
+    }
+
+    fn takes(
         &mut self,
         now: TimePs,
         message: &Up,
@@ -144,13 +258,9 @@ impl DroneLink {
         self.hears(now, message);
         match *message {
             Up::Hello { version_min, version_max, schema_hash, .. } => {
-                let version = PROTOCOL_VERSION.min(version_max);
-                if schema_hash != SCHEMA_HASH || version < version_min.max(MIN_PROTOCOL_VERSION) {
-                    let drone = self.id;
-                    return Err(DroneFailure::Incompatible { drone, version_min, version_max, schema_hash });
-                }
-                self.connected = true;
-                self.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH }, send);
+                let version = self.common_version(version_min, version_max, schema_hash)?;
+                self.connected |= !self.end.is_sealed();
+                self.welcome(version, send);
             }
             Up::CommandAck { command, status } => self.acknowledged(now, command, status, send)?,
             Up::SharedState(state) if self.state.is_none_or(|known| known.time < state.time) => {
@@ -225,8 +335,14 @@ impl DroneLink {
     /// Never: a frame holds every message.
     pub fn say(&mut self, message: &Down, send: &mut impl FnMut(DroneId, &[u8])) {
         let mut frame = [0; MAX_FRAME];
-        let length = self.sender.encode_into(message, &mut frame).expect("a frame holds every message");
+        // A link is done long before 2^32 frames.
+        let length = self.end.encode_into(message, &mut frame).expect("a frame holds every message");
         send(self.id, &frame[..length]);
+    }
+
+    /// Whether there is anybody to speak to: on a sealed link, a boot of the drone that is known.
+    fn is_met(&self) -> bool {
+        !self.end.is_sealed() || self.end.other_epoch().is_some()
     }
 
     /// Gives a command; commands are carried out in order.
@@ -244,6 +360,13 @@ impl DroneLink {
         self.command(Command::UploadBegin(header));
         self.command(Command::UploadCommit { mission: header.mission, lanes_crc });
         self.upload = Some((header, waypoints_mm));
+    }
+
+    /// Changes the key of the link.
+    pub fn rekey(&mut self, key: Key) {
+        if self.end.is_sealed() {
+            self.command(Command::Rekey(key));
+        }
     }
 
     /// Whether every command given was accepted.
@@ -266,6 +389,7 @@ impl DroneLink {
         let Some(under_way) = self.under_way.take_if(|u| u.id == id) else { return Ok(()) };
         self.accepted = now;
         match (status, under_way.command) {
+            (AckStatus::Accepted, Command::Rekey(_)) => self.end.confirmed(),
             (AckStatus::Accepted, Command::UploadBegin(_)) => self.send_lanes(0, send),
             (AckStatus::Accepted, _) => {}
             (AckStatus::Incomplete { first_missing }, commit @ Command::UploadCommit { .. }) => {
@@ -285,9 +409,15 @@ impl DroneLink {
     /// # Errors
     /// When the drone has not answered for too long.
     pub fn step(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), DroneFailure> {
+        if !self.is_met() {
+            return Ok(());
+        }
         if self.under_way.is_none()
             && let Some(command) = self.queue.pop_front()
         {
+            if let Command::Rekey(key) = &command {
+                self.end.offer(key.clone());
+            }
             let id = CommandId(self.next_command);
             self.next_command = self.next_command.wrapping_add(1);
             let message = Down::Command { id, command: command.clone() };
@@ -338,6 +468,8 @@ fn name(command: &Command) -> &'static str {
         Command::Place { .. } => "the placement",
         Command::Hold => "hold",
         Command::ReturnHome => "return home",
+        Command::Rekey(_) => "a change of its key",
+        Command::PeerKey(_) => "the key of its fleet",
     }
 }
 
@@ -354,7 +486,7 @@ mod tests {
 
     #[test]
     fn a_command_is_repeated_until_acknowledged() {
-        let mut link = DroneLink::new(DroneId(1));
+        let mut link = DroneLink::new(DroneId(1), &LinkKeys::none());
         link.command(Command::TakeOff);
         link.command(Command::Hold);
         let first = sent(&mut link, 0);
@@ -371,7 +503,7 @@ mod tests {
 
     #[test]
     fn a_silent_drone_is_given_up() {
-        let mut link = DroneLink::new(DroneId(7));
+        let mut link = DroneLink::new(DroneId(7), &LinkKeys::none());
         link.command(Command::TakeOff);
         let mut result = Ok(());
         for s in 0..100 {

@@ -23,14 +23,13 @@ use crate::{
     geometry::{V2, V3},
 };
 use assembly::Assembling;
-use drone::{DroneFailure, DroneLink};
+use drone::{DroneFailure, DroneLink, Refusals};
 pub use goals::GoalConflict;
 use plan::MissionPlan;
 use refine::Refinement;
 pub use relaying::RELAYED_NEIGHBOURS;
 use relaying::Relaying;
 use skyroost_protocol::{
-    codec::{Message, decode},
     message::{Down, FlightPhase, MateTdoa, TdoaCounts, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId},
 };
@@ -125,10 +124,8 @@ pub enum MissionError {
 /// What came in from the drones and could not be used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ControlCounters {
-    /// Frames that did not decode or came from nobody known.
-    pub frames_rejected: u64,
-    /// Frames seen before, or too old.
-    pub frames_repeated: u64,
+    /// Frames that came from nobody known.
+    pub frames_of_strangers: u64,
     /// TDOA reports of occasions that were never asked for, or of another user.
     pub tdoa_unknown: u64,
     /// TDOA reports seen before.
@@ -182,6 +179,8 @@ pub struct ControlCenter {
     legs: Vec<Option<V2>>,
     refinement: Option<Refinement>,
     events: Vec<OperatorEvent>,
+    /// When keys are changed next.
+    rekey_due: TimePs,
     counters: ControlCounters,
 }
 
@@ -194,7 +193,7 @@ impl ControlCenter {
         let groups = plan.fleets.iter().zip(0u16..).map(|(fleet, group)| (group, fleet.mates.to_vec()));
         let running = Running::new(plan.localize, groups);
         Self {
-            drones: plan.drones.iter().map(|d| DroneLink::new(d.id)).collect(),
+            drones: plan.drones.iter().map(|d| DroneLink::new(d.id, &plan.keys)).collect(),
             legs: vec![None; plan.drones.len()],
             schedules,
             running,
@@ -214,6 +213,7 @@ impl ControlCenter {
             targets: Vec::new(),
             refinement: None,
             events: Vec::new(),
+            rekey_due: TimePs(0),
             counters: ControlCounters::default(),
         }
     }
@@ -290,6 +290,14 @@ impl ControlCenter {
         known.map_or(0, |telemetry| telemetry.conditions)
     }
 
+    /// Frames that were not taken in, of all drones.
+    #[must_use]
+    pub fn refusals(&self) -> Refusals {
+        let mut sum = Refusals::default();
+        self.drones.iter().for_each(|drone| sum.add(drone.refusals));
+        sum
+    }
+
     /// What could not be used.
     #[must_use]
     pub fn counters(&self) -> &ControlCounters {
@@ -307,17 +315,11 @@ impl ControlCenter {
         bytes: &[u8],
         send: &mut impl FnMut(DroneId, &[u8]),
     ) -> Result<(), MissionError> {
-        let index = self.drones.iter().position(|d| d.id == from);
-        let (Some(index), Ok((header, Message::Up(message)))) = (index, decode(bytes)) else {
-            self.counters.frames_rejected += 1;
+        let Some(index) = self.drones.iter().position(|d| d.id == from) else {
+            self.counters.frames_of_strangers += 1;
             return Ok(());
         };
-        let drone = &mut self.drones[index];
-        if header.sender != from || !drone.receiver().accept(&header).is_accepted() {
-            self.counters.frames_repeated += 1;
-            return Ok(());
-        }
-        drone.takes(now, &message, send)?;
+        let Some(message) = self.drones[index].hear(now, bytes, send)? else { return Ok(()) };
         match message {
             Up::Attached(page) => {
                 if let Some((fleet, _)) = self.plan.drones[index].fleet {
@@ -345,6 +347,7 @@ impl ControlCenter {
     /// When the mission cannot go on.
     pub fn step(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), MissionError> {
         self.watch(now);
+        self.change_keys(now);
         for drone in &mut self.drones {
             drone.step(now, send)?;
         }
@@ -354,6 +357,19 @@ impl ControlCenter {
             self.solve_now_and_then()?;
         }
         self.advance(now)
+    }
+
+    /// Changes the keys of all links every so often.
+    fn change_keys(&mut self, now: TimePs) {
+        let Some(period) = self.plan.rekey_period else { return };
+        if self.rekey_due == TimePs(0) || now < self.rekey_due {
+            self.rekey_due = if self.rekey_due == TimePs(0) { now.after(period) } else { self.rekey_due };
+            return;
+        }
+        self.rekey_due = now.after(period);
+        for drone in self.drones.iter_mut().filter(|drone| drone.connected) {
+            drone.rekey(self.plan.keys.fresh());
+        }
     }
 
     fn ask_for_srs(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {

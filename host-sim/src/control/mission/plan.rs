@@ -1,7 +1,10 @@
 //! What the control center is told before a mission: who flies, from where, along which lanes.
 
 use crate::{
-    control::{airspace::Airspace, assemble::Assembly, localize::LocalizeConfig, srs_schedule::SrsConfig},
+    control::{
+        airspace::Airspace, assemble::Assembly, keys::LinkKeys, localize::LocalizeConfig,
+        srs_schedule::SrsConfig,
+    },
     geometry::{V2, V3},
 };
 use skyroost_protocol::{
@@ -48,6 +51,10 @@ pub struct MissionPlan {
     pub localize: LocalizeConfig,
     /// Every so often shared states are relayed.
     pub relay_period: TimePs,
+    /// What seals the links.
+    pub keys: LinkKeys,
+    /// Every so often the keys of the links are changed, if ever.
+    pub rekey_period: Option<TimePs>,
 }
 
 /// A drone of the mission.

@@ -144,6 +144,7 @@ impl ControlCenter {
     }
 
     fn upload(&mut self) {
+        self.hand_out_fleet_keys();
         let plan = &self.plan;
         for (planned, link) in plan.drones.iter().zip(&mut self.drones) {
             let fleet = planned.fleet.map(|(index, _)| &plan.fleets[index]);
@@ -171,6 +172,19 @@ impl ControlCenter {
                 vertical: plan.vertical,
             };
             link.upload(header, waypoints);
+        }
+    }
+
+    /// Drones of a fleet talk to each other under a key of their own.
+    fn hand_out_fleet_keys(&mut self) {
+        if !self.plan.keys.is_sealed() {
+            return;
+        }
+        for fleet in &self.plan.fleets {
+            let key = self.plan.keys.fresh();
+            for drone in self.drones.iter_mut().filter(|drone| fleet.mates.contains(&drone.id)) {
+                drone.command(Command::PeerKey(key.clone()));
+            }
         }
     }
 

@@ -77,6 +77,7 @@ mod tests {
     use crate::{
         control::{
             airspace::Airspace,
+            keys::LinkKeys,
             localize::LocalizeConfig,
             mission::plan::{MissionPlan, PlannedDrone},
             srs_schedule::SrsConfig,
@@ -111,6 +112,8 @@ mod tests {
             srs: SrsConfig::default(),
             localize: LocalizeConfig::default(),
             relay_period: TimePs::from_ms(relay_ms),
+            keys: LinkKeys::none(),
+            rekey_period: None,
         })
     }
 

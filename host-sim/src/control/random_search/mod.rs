@@ -12,18 +12,20 @@ pub mod legs;
 mod tests;
 
 use crate::{
-    control::mission::{
-        MissionError,
-        drone::{DroneFailure, DroneLink, place_at},
-        pos_m,
-        relaying::Relaying,
+    control::{
+        keys::LinkKeys,
+        mission::{
+            MissionError,
+            drone::{DroneFailure, DroneLink, place_at},
+            pos_m,
+            relaying::Relaying,
+        },
     },
     geometry::V2,
 };
 use legs::{Contact, Ground, Leg, MOST_HEADINGS};
 use rand_core::Rng;
 use skyroost_protocol::{
-    codec::{Message, decode},
     message::{Command, EventCode, FlightPhase, Heading, MissionHeader, Up, Vertical},
     units::{DroneId, MissionId, PosEnuMm, TimePs},
 };
@@ -48,6 +50,8 @@ pub struct SearchPlan {
     pub vertical: Vertical,
     /// Every so often shared states are relayed.
     pub relay_period: TimePs,
+    /// What seals the links.
+    pub keys: LinkKeys,
     /// Acceleration in turns, metres a second squared.
     pub accel_mps2: f64,
     /// From a decision until it is flown: the radio's way and the vehicle's lag, seconds.
@@ -103,7 +107,7 @@ impl<R: Rng> RandomSearch<R> {
     #[must_use]
     pub fn new(plan: SearchPlan, rng: R) -> Self {
         let drones: Vec<DroneLink> =
-            (1..).zip(&plan.starts_m).map(|(id, _)| DroneLink::new(DroneId(id))).collect();
+            (1..).zip(&plan.starts_m).map(|(id, _)| DroneLink::new(DroneId(id), &plan.keys)).collect();
         let told = Told { velocity_mps: V2::zeros(), at: TimePs(0), home: false };
         Self {
             told: vec![told; drones.len()],
@@ -143,17 +147,12 @@ impl<R: Rng> RandomSearch<R> {
         send: &mut impl FnMut(DroneId, &[u8]),
     ) -> Result<(), MissionError> {
         let index = usize::from(from.0).wrapping_sub(1);
-        let (Some(drone), Ok((header, Message::Up(message)))) = (self.drones.get_mut(index), decode(bytes))
-        else {
-            return Ok(());
-        };
-        if header.sender != from || !drone.receiver().accept(&header).is_accepted() {
-            return Ok(());
-        }
-        let refused = match drone.takes(now, &message, send) {
-            Ok(()) => false,
+        let Some(drone) = self.drones.get_mut(index) else { return Ok(()) };
+        let (refused, message) = match drone.hear(now, bytes, send) {
+            Ok(Some(message)) => (false, message),
+            Ok(None) => return Ok(()),
             // On its way home a drone takes no goals.
-            Err(DroneFailure::Refused { .. }) if self.stage == Stage::Search => true,
+            Err(DroneFailure::Refused { .. }) if self.stage == Stage::Search => (true, Up::Heartbeat),
             Err(failure) => return Err(failure.into()),
         };
         let homeward = [FlightPhase::ReturnHome, FlightPhase::Landing, FlightPhase::Grounded];

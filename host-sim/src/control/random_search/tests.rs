@@ -3,7 +3,7 @@ use crate::rng::{self, Stream};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use skyroost_protocol::{
-    codec::{MAX_FRAME, Sender},
+    codec::{MAX_FRAME, Message, Sender, decode},
     message::{AckStatus, Down, Manner, SharedState},
     units::{CommandId, VelEnuMmps},
 };
@@ -24,6 +24,7 @@ fn searching(side_m: f64, drones: &[([f64; 2], [f64; 2])]) -> RandomSearch<ChaCh
         d_safe_m: 10.0,
         vertical: Vertical::default(),
         relay_period: TimePs::from_ms(100),
+        keys: LinkKeys::none(),
         accel_mps2: 3.0,
         delay_s: 0.9,
         brake_m: BRAKE_M,

@@ -33,7 +33,7 @@ impl Loopback {
     fn new(seed: u64, damage_one_in: u32) -> Self {
         Self {
             lockstep: Lockstep::new(),
-            agent: FlightAgent::new(AgentConfig::new(DroneId(9))),
+            agent: FlightAgent::new(AgentConfig::new(DroneId(9)), None),
             inputs: Inputs::default(),
             outputs: Outputs::default(),
             radio: RadioIntake::new(),
@@ -71,8 +71,8 @@ impl Loopback {
         let (taken, ask) = lockstep.take(bytes, &mut self.inputs);
         match ask {
             None => {}
-            Some(Ask::Begin(config)) => {
-                self.agent = FlightAgent::new(config);
+            Some(Ask::Begin(config, _)) => {
+                self.agent = FlightAgent::new(config, None);
                 self.say(&lockstep.begun().expect("it has begun"));
             }
             Some(Ask::Radio(bytes)) => self.radio.take(bytes, &mut self.inputs),
@@ -179,13 +179,13 @@ fn inputs() -> impl Strategy<Value = Inputs> {
 /// Runs `steps` directly and over a bus, and compares every output.
 fn same_over_the_bus(seed: u64, damage_one_in: u32, steps: &[Inputs]) -> BusCounters {
     let config = AgentConfig::new(DroneId(3));
-    let mut direct = FlightAgent::new(config);
+    let mut direct = FlightAgent::new(config, None);
     let link = match damage_one_in {
         0 => LinkKind::LOSSLESS,
         _ => LinkKind { resend_after: Some(Duration::ZERO), radio_part: 48, window: 6 },
     };
     let mut bus = BusClient::new(Loopback::new(seed, damage_one_in), link);
-    bus.begin(&config).unwrap();
+    bus.begin(&config, None).unwrap();
     for (index, inputs) in steps.iter().enumerate() {
         let now = TimePs::from_ms(20 * index as i64);
         let (mut expected, mut found) = (Outputs::default(), Outputs::default());
@@ -233,7 +233,7 @@ fn damage_where_there_should_be_none_is_a_fault() {
         .filter_map(|seed| {
             let mut bus = BusClient::new(Loopback::new(seed, 40), LinkKind::LOSSLESS);
             let mut run = || {
-                bus.begin(&config)?;
+                bus.begin(&config, None)?;
                 for step in 0..100 {
                     bus.begin_step(TimePs::from_ms(20 * step), &Inputs::default())?;
                     bus.end_step(&mut Outputs::default())?;
@@ -263,7 +263,7 @@ fn a_board_that_says_nothing_is_given_up() {
     for resend_after in [None, Some(Duration::from_millis(200))] {
         let mut bus = BusClient::new(Deaf, LinkKind { resend_after, ..LinkKind::LOSSLESS });
         let begun = Instant::now();
-        let fault = bus.begin(&AgentConfig::new(DroneId(3))).unwrap_err();
+        let fault = bus.begin(&AgentConfig::new(DroneId(3)), None).unwrap_err();
         assert!(matches!(fault, BoardFault::Silent { .. }), "{fault}");
         assert!(begun.elapsed() < Duration::from_secs(5));
     }

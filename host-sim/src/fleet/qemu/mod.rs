@@ -24,7 +24,7 @@ use skyroost_firmware::{
     counters::Counters,
     io::{Inputs, Outputs},
 };
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::{key::Key, units::TimePs};
 use std::{
     fs::{self, File},
     io,
@@ -81,7 +81,7 @@ impl Launcher {
     ///
     /// # Errors
     /// When the emulator cannot be started or what it runs is no board of this version.
-    pub fn start(&self, config: AgentConfig) -> Result<Emulator, BoardError> {
+    pub fn start(&self, config: AgentConfig, key: Option<Key>) -> Result<Emulator, BoardError> {
         let drone = config.id.0;
         let not_started = |what: String| BoardError {
             drone,
@@ -103,7 +103,7 @@ impl Launcher {
         let mut emulator = Emulator { drone, process, bus: None, folder, _guard: guard, reader, log_to };
         let fifos = emulator.connect(&self.image.path)?;
         let bus = emulator.bus.insert(BusClient::new(fifos, LinkKind::LOSSLESS));
-        let begun = bus.begin(&config);
+        let begun = bus.begin(&config, key);
         begun.map_err(|fault| emulator.failed(fault))?;
         Ok(emulator)
     }
