@@ -66,7 +66,7 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (4, 0x417b_71b9));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (4, 0xad15_70dc));
     assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 207, 16, 238, 245));
 }
 

@@ -96,7 +96,7 @@ pub enum MissionError {
         /// What it does instead.
         phase: FlightPhase,
         /// Its supervisor's conditions, one bit each.
-        conditions: u16,
+        conditions: u32,
     },
     /// Nobody is left to go on with.
     #[error("every drone is lost")]
@@ -285,7 +285,7 @@ impl ControlCenter {
 
     /// Conditions of a drone's supervisor that are in force, one bit each, by its last telemetry.
     #[must_use]
-    pub fn conditions(&self, drone: DroneId) -> u16 {
+    pub fn conditions(&self, drone: DroneId) -> u32 {
         let known = self.drones.iter().find(|known| known.id == drone).and_then(|known| known.telemetry);
         known.map_or(0, |telemetry| telemetry.conditions)
     }
