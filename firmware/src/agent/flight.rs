@@ -250,9 +250,12 @@ impl Flight {
     fn submit(&mut self, pos_m: &Vec3, action: Action) {
         let bound_home = matches!(self.mode, Mode::ReturnHome | Mode::Landing { .. });
         match action {
-            Action::Land if !matches!(self.mode, Mode::Landing { .. }) => {
-                self.enter(Mode::Landing { at_m: Some(*pos_m) });
-            }
+            Action::Land => match self.mode {
+                // Somebody stands on the pad, or else below: beside is as good as here.
+                Mode::Landing { .. } if self.avoiding => self.mode = Mode::Landing { at_m: Some(*pos_m) },
+                Mode::Landing { .. } => {}
+                _ => self.enter(Mode::Landing { at_m: Some(*pos_m) }),
+            },
             Action::ReturnHome if !bound_home => self.enter(Mode::ReturnHome),
             Action::Hold if !bound_home => {
                 self.held_at_m.get_or_insert(*pos_m);
