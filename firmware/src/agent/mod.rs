@@ -222,6 +222,7 @@ impl FlightAgent {
     }
 
     /// Has the supervisor look at everything, in the air and on the ground.
+    #[inline(never)] // the step is long enough
     fn supervise(&mut self, now: TimePs, fix: Option<&NavFix>, outputs: &mut Outputs) -> Action {
         self.watch(now, fix);
         let health = self.health(now);

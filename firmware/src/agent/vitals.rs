@@ -2,12 +2,12 @@
 
 use super::FlightAgent;
 use crate::{
-    STEP_S, Vec2, Vec3, ZERO,
+    STEP_S, STEP_US, Vec2, Vec3, ZERO,
     avoid::walls::Wall,
     guidance::limited,
     io::NavFix,
     scalar::lesser,
-    supervisor::{FenceRoom, Health, ago_ms},
+    supervisor::{FenceRoom, Health, ago_ms, low_ms},
 };
 use skyroost_protocol::{
     message::ClockState,
@@ -17,9 +17,9 @@ use skyroost_protocol::{
 /// Gusts pass and turns are over in less than this, seconds: what is lacking in the mean of it is lacking for good.
 const SHORTFALL_TAU_S: f32 = 2.0;
 /// Gates that none follows for this long are over, captured or not.
-const GATES_WITHIN: TimePs = TimePs::from_ms(5_000);
-/// The clock is asked this often: a board divides for it.
-const CLOCK_EVERY: TimePs = TimePs::from_ms(500);
+const GATES_WITHIN_MS: u32 = 5_000;
+/// The clock is asked this often, milliseconds, a power of two: a board divides for it.
+const CLOCK_EVERY_MS: u32 = 512;
 /// Walls looked at in a step; all have been within half a second.
 const WALLS_A_STEP: usize = 8;
 
@@ -28,10 +28,9 @@ const WALLS_A_STEP: usize = 8;
 pub(super) struct Vitals {
     /// What is lacking of the velocity wanted, east and north, in the mean; metres a second.
     lacking_mps: Vec2,
-    /// Gates that captured nothing: since when, and the last one.
-    unanswered: Option<(TimePs, TimePs)>,
+    /// Gates that captured nothing.
+    unanswered: Option<Unanswered>,
     clock: ClockState,
-    clock_due: TimePs,
     fence: FenceWatch,
 }
 
@@ -41,23 +40,28 @@ impl Vitals {
             lacking_mps: Vec2::new(0.0, 0.0),
             unanswered: None,
             clock: ClockState::Free,
-            clock_due: TimePs(0),
             fence: FenceWatch::new(),
         }
     }
 
     /// Takes in whether a step captured something and opened gates.
     pub(super) fn listened(&mut self, now: TimePs, captured: bool, opened: bool) {
-        if captured {
+        let now_ms = low_ms(now);
+        let is_over = |gates: &Unanswered| now_ms.wrapping_sub(gates.last_ms) > GATES_WITHIN_MS;
+        if captured || self.unanswered.as_ref().is_some_and(is_over) {
             self.unanswered = None;
         }
         if opened {
-            let since = self.unanswered.map_or(now, |(since, _)| since);
-            self.unanswered = Some((since, now));
-        } else if self.unanswered.is_some_and(|(_, last)| now.since(last) > GATES_WITHIN) {
-            self.unanswered = None;
+            self.unanswered.get_or_insert(Unanswered { since_ms: now_ms, last_ms: now_ms }).last_ms = now_ms;
         }
     }
+}
+
+/// Gates that captured nothing: when the first and the last of them were opened, in low milliseconds.
+#[derive(Clone, Copy, Debug)]
+struct Unanswered {
+    since_ms: u32,
+    last_ms: u32,
 }
 
 /// A look at all walls, some in every step, from the place where it began.
@@ -104,9 +108,9 @@ impl FlightAgent {
     /// Gathers what this step says.
     pub(super) fn watch(&mut self, now: TimePs, fix: Option<&NavFix>) {
         let vitals = &mut self.vitals;
-        if now >= vitals.clock_due {
+        // The first step of each, whatever the steps' phase.
+        if low_ms(now) % CLOCK_EVERY_MS < (STEP_US / 1_000) as u32 {
             vitals.clock = self.srs.clock_state();
-            vitals.clock_due = now.after(CLOCK_EVERY);
         }
         if !self.flight.airborne() {
             (vitals.lacking_mps, vitals.fence) = (Vec2::zeros(), FenceWatch::new());
@@ -139,15 +143,23 @@ impl FlightAgent {
             mates_silent_ms: sweep.and_then(|start| Some(ago_ms(now, self.mates_heard(start)?))),
             clock: *clock,
             nav_silent_ms: ago_ms(now, self.nav.map_or(TimePs(0), |(at, _)| at)),
-            nav_error_mm: mm_from_m(error_m),
+            nav_error_mm: millimetres(error_m),
             battery_permille: self.battery_permille,
             fence: fence
                 .found
-                .map(|(nearest_m, crossed)| FenceRoom { room_mm: mm_from_m(nearest_m - error_m), crossed }),
-            shortfall_mmps: mm_from_m(lacking_mps.norm()),
-            captures_silent_ms: sweep
-                .and_then(|start| unanswered.map(|(since, _)| ago_ms(now, since.max(start)))),
+                .map(|(nearest_m, crossed)| FenceRoom { room_mm: millimetres(nearest_m - error_m), crossed }),
+            shortfall_mmps: millimetres(lacking_mps.norm()),
+            captures_silent_ms: sweep.and_then(|start| {
+                let silent_ms = low_ms(now).wrapping_sub(unanswered.as_ref()?.since_ms);
+                Some(silent_ms.min(ago_ms(now, start)))
+            }),
             avoided_ago_ms: self.avoided.map(|at| ago_ms(now, at)),
         }
     }
+}
+
+/// [`mm_from_m`], once for all that is measured.
+#[inline(never)]
+fn millimetres(metres: f32) -> i32 {
+    mm_from_m(metres)
 }

@@ -65,6 +65,7 @@ impl Wall {
     }
 
     /// Whether its segment meets the ray eastwards from a place: of a border, an odd number of walls do from within.
+    #[inline(never)]
     #[must_use]
     pub fn is_east_of(&self, at_m: Vec2) -> bool {
         let (a, b) = (self.a_m, self.b_m);

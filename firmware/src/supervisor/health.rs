@@ -68,7 +68,14 @@ impl Health {
     }
 }
 
-/// How long ago something was, milliseconds; what is yet to come is now.
+/// A time in milliseconds, which wrap after 49 days: in one word, where only short times matter.
+#[must_use]
+pub const fn low_ms(time: TimePs) -> u32 {
+    (time.0 / TimePs::from_ms(1).0) as u32
+}
+
+/// How long ago something was, milliseconds; what is yet to come is now. One function: a board divides for it.
+#[inline(never)]
 #[must_use]
 pub fn ago_ms(now: TimePs, then: TimePs) -> u32 {
     u32::try_from(now.since(then).0.max(0) / TimePs::from_ms(1).0).unwrap_or(u32::MAX)

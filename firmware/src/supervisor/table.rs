@@ -101,29 +101,39 @@ impl Condition {
             Self::LinkLost => Limit::silence(config.link_hold_ms),
             Self::LinkGone => Limit::silence(config.link_return_ms),
             Self::NavigationLost => Limit::silence(config.nav_lost_ms),
-            Self::NavigationGone => Limit::silence(config.nav_gone_ms),
+            Self::NavigationGone => Limit::silence(config.nav_gone_ms as u32),
             Self::NavigationPoor => Limit::level(config.nav_error_mm as i32, 1_000, NAVIGATION_POOR_MS),
             Self::BatteryWaning => Limit::charge(config.battery_warn_permille),
             Self::BatteryLow => Limit::charge(config.battery_low_permille),
             Self::BatteryCritical => Limit::charge(config.battery_critical_permille),
             Self::MateLost => Limit::silence(config.mate_lost_ms),
-            Self::MateGone => Limit::silence(config.mate_gone_ms),
+            Self::MateGone => Limit::silence(MATE_GONE_MS),
             // Of the time since then, with its sign turned.
             Self::Avoiding => Limit::level(-AVOIDED_LATELY_MS, 0, 0),
-            Self::ClockHeld => Limit::level(0, 0, config.clock_held_ms),
-            Self::ClockUseless => Limit::level(config.clock_sigma_ns as i32, 0, 0),
+            Self::ClockHeld => Limit::level(0, 0, CLOCK_HELD_MS),
+            Self::ClockUseless => Limit::level(CLOCK_USELESS_NS, 0, 0),
             Self::FenceNear => Limit::level(-(config.fence_near_mm as i32), FENCE_BAND_MM, 0),
             Self::FenceCrossed => Limit::level(0, 0, 0),
-            Self::WindStrong => {
-                Limit::level(config.wind_warn_mmps as i32, WIND_BAND_MMPS, config.wind_warn_ms)
-            }
-            Self::WindBeyond => Limit::level(config.wind_act_mmps as i32, WIND_BAND_MMPS, config.wind_act_ms),
-            Self::CapturesMissed => Limit::silence(config.captures_warn_ms),
-            Self::CapturesGone => Limit::silence(config.captures_gone_ms),
+            Self::WindStrong => Limit::level(config.wind_warn_mmps as i32, WIND_BAND_MMPS, WIND_WARN_MS),
+            Self::WindBeyond => Limit::level(config.wind_act_mmps as i32, WIND_BAND_MMPS, WIND_ACT_MS),
+            Self::CapturesMissed => Limit::silence(CAPTURES_WARN_MS),
+            Self::CapturesGone => Limit::silence(CAPTURES_GONE_MS),
         }
     }
 }
 
+/// Silence of a fleet mate after which the operator is reminded of it, milliseconds.
+const MATE_GONE_MS: u32 = 10_000;
+/// A clock without pulses is told once it has been for this long, milliseconds.
+const CLOCK_HELD_MS: u16 = 5_000;
+/// Deviation of a held clock above which arrival times say nothing, nanoseconds: 300 m.
+const CLOCK_USELESS_NS: i32 = 1_000;
+/// For how long velocity must be lacking to be told and to be acted upon, milliseconds.
+const WIND_WARN_MS: u16 = 3_000;
+const WIND_ACT_MS: u16 = 5_000;
+/// Time for which gates capture nothing, milliseconds.
+const CAPTURES_WARN_MS: u32 = 20_000;
+const CAPTURES_GONE_MS: u32 = 60_000;
 /// A manoeuvre of avoidance goes on until avoidance has had nothing to say for this long, milliseconds.
 const AVOIDED_LATELY_MS: i32 = 2_000;
 /// A wide error is told once it has been wide for this long, milliseconds.
