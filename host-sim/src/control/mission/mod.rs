@@ -326,15 +326,10 @@ impl ControlCenter {
                 self.heard_at_station(index, &page);
             }
             Up::Tdoa(entries) => entries.iter().for_each(|entry| self.measured(from, entry)),
-            Up::Event { code, time, value } => {
-                self.events.push(OperatorEvent { time, drone: from, what: Happening::Said { code, value } });
-            }
+            Up::Event { code, time, value } => self.said(index, time, code, value),
+            Up::Telemetry(telemetry) => self.conditions_are(index, telemetry.time, telemetry.conditions),
             // What it says of itself only.
-            Up::Hello { .. }
-            | Up::CommandAck { .. }
-            | Up::Heartbeat
-            | Up::SharedState(_)
-            | Up::Telemetry(_) => {}
+            Up::Hello { .. } | Up::CommandAck { .. } | Up::Heartbeat | Up::SharedState(_) => {}
         }
         Ok(())
     }
