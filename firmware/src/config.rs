@@ -94,6 +94,18 @@ pub struct SupervisorConfig {
     pub battery_critical_permille: u16,
     /// Silence of a fleet mate on the lanes after which it counts as lost, milliseconds.
     pub mate_lost_ms: u32,
+    /// Time without a navigation solution after which the drone lands blind, milliseconds.
+    pub nav_gone_ms: u16,
+    /// Error radius of navigation above which the operator is warned, millimetres.
+    pub nav_error_mm: u16,
+    /// Charge below which the operator is warned, per mille.
+    pub battery_warn_permille: u16,
+    /// Distance from fence and obstacles, beyond the own error radius, below which the operator is warned, millimetres.
+    pub fence_near_mm: u16,
+    /// Velocity lacking because of wind above which the operator is warned, millimetres a second.
+    pub wind_warn_mmps: u16,
+    /// Velocity lacking above which the drone returns home, millimetres a second.
+    pub wind_act_mmps: u16,
 }
 
 impl SupervisorConfig {
@@ -106,6 +118,12 @@ impl SupervisorConfig {
         battery_low_permille: 150,
         battery_critical_permille: 50,
         mate_lost_ms: 1_600,
+        nav_gone_ms: 10_000,
+        nav_error_mm: 10_000,
+        battery_warn_permille: 250,
+        fence_near_mm: 2_000,
+        wind_warn_mmps: 2_000,
+        wind_act_mmps: 4_000,
     };
 }
 

@@ -91,11 +91,18 @@ fn write<B: Body>(
     out: &mut [u8],
 ) -> Result<usize, EncodeError> {
     // The body goes first: the header counts its bytes.
-    let (head, tail) = out.split_first_chunk_mut().ok_or(EncodeError::BufferTooSmall)?;
+    let tail = out.get_mut(HEADER_LEN..).ok_or(EncodeError::BufferTooSmall)?;
     let body_len = postcard::to_slice(body, tail).map_err(|_| EncodeError::BufferTooSmall)?.len();
+    finish(stamp, B::KIND, body_len, seal, out).ok_or(EncodeError::BufferTooSmall)
+}
+
+/// Puts the header before a body and seals it; returns the frame's length, none where `out` is too short.
+#[inline(never)] // once for all kinds: a board has little room
+fn finish(stamp: &Stamp, kind: Kind, body_len: usize, seal: Option<&Seal>, out: &mut [u8]) -> Option<usize> {
+    let (head, tail) = out.split_first_chunk_mut()?;
     let header = Header {
         version: PROTOCOL_VERSION,
-        kind: B::KIND,
+        kind,
         flags: seal.map_or(0, |seal| FLAG_TAG | seal.flags),
         sender: stamp.sender,
         boot_epoch: stamp.boot_epoch,
@@ -103,11 +110,11 @@ fn write<B: Body>(
         body_len: body_len as u16,
     };
     *head = header.to_bytes();
-    let Some(Seal { key, .. }) = seal else { return Ok(HEADER_LEN + body_len) };
-    let (body, rest) = tail.split_at_mut_checked(body_len).ok_or(EncodeError::BufferTooSmall)?;
-    let tag = rest.first_chunk_mut().ok_or(EncodeError::BufferTooSmall)?;
-    *tag = key.seal(stamp.sequence, head, body).ok_or(EncodeError::BufferTooSmall)?;
-    Ok(HEADER_LEN + body_len + TAG_LEN)
+    let Some(Seal { key, .. }) = seal else { return Some(HEADER_LEN + body_len) };
+    let (body, rest) = tail.split_at_mut_checked(body_len)?;
+    let tag = rest.first_chunk_mut()?;
+    *tag = key.seal(stamp.sequence, head, body)?;
+    Some(HEADER_LEN + body_len + TAG_LEN)
 }
 
 /// A frame of its own.

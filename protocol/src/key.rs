@@ -1,8 +1,8 @@
 //! Keys, and how they seal frames: ChaCha20-Poly1305 (RFC 8439) under a key of each session.
 //!
-//! Drone and control center share one root key for each drone. What seals frames is derived from it by HChaCha20, a
-//! pseudorandom function of 16 bytes (Bernstein, "Extending the Salsa20 nonce", 2011): who sends, which boot of the sender
-//! and which boot of the receiver it is. So a key never seals two frames of one number as long as no boot epoch comes
+//! Drone and control center share one root key for each drone, which seals nothing itself. What seals frames is the half of a
+//! block of ChaCha20 under the root key, as RFC 8439 (2.6) makes keys for tags: the block is a pseudorandom function of its nonce,
+//! and the nonce says what the key is for, who sends, which boot of the sender and which boot of the receiver it is. So a key never seals two frames of one number as long as no boot epoch comes
 //! twice, and what was sent to a boot that is over opens for nobody: nothing can be replayed to a drone or a control center
 //! that has started anew, although neither keeps a clock or a memory for that.
 //!
@@ -15,9 +15,8 @@ use crate::codec::MAX_BODY;
 use crate::header::{HEADER_LEN, TAG_LEN};
 use crate::units::DroneId;
 use chacha20::{
-    ChaCha20, R20,
+    ChaCha20,
     cipher::{KeyIvInit, StreamCipher},
-    hchacha,
 };
 use core::fmt;
 use poly1305::{
@@ -96,12 +95,18 @@ impl Key {
         let ([s0, s1], [e0, e1], [r0, r1]) =
             (sender.0.to_le_bytes(), sender_epoch.to_le_bytes(), receiver_epoch.to_le_bytes());
         let [m0, m1, m2, m3] = *b"SRK1";
-        let input = [m0, m1, m2, m3, purpose as u8, 0, s0, s1, e0, e1, r0, r1, 0, 0, 0, 0];
-        let mut derived = hchacha::<R20>(&self.0.into(), &input.into());
-        let key = Self(derived.into());
-        derived.zeroize();
-        key
+        let input = [m0, m1, m2, m3, purpose as u8, s0, s1, e0, e1, r0, r1, 0];
+        let mut derived = Self([0; KEY_LEN]);
+        // Never fails: the cipher has 2^32 blocks.
+        let _ = apply_cipher(self, &input, &mut derived.0);
+        derived
     }
+}
+
+/// Adds the cipher's stream to `text`; none where the stream is at its end.
+#[inline(never)] // once: a board has little room
+fn apply_cipher(key: &Key, nonce: &[u8; 12], text: &mut [u8]) -> Option<()> {
+    ChaCha20::new(&key.0.into(), &(*nonce).into()).try_apply_keystream(text).ok()
 }
 
 impl PartialEq for Key {
@@ -163,7 +168,7 @@ impl SessionKey {
         let (first, body) = work.split_first_chunk_mut::<BLOCK_LEN>()?;
         *first = [0; BLOCK_LEN];
         body.copy_from_slice(text);
-        ChaCha20::new(&self.0.0.into(), &nonce(sequence).into()).try_apply_keystream(work).ok()?;
+        apply_cipher(&self.0, &nonce(sequence), work)?;
         let (first, body) = work.split_first_chunk::<BLOCK_LEN>()?;
         Some(Worked { tag_key: first.first_chunk()?, body })
     }
@@ -176,6 +181,7 @@ struct Worked<'r> {
 }
 
 /// The tag over both, each padded to whole blocks, and their lengths (RFC 8439, 2.8).
+#[inline(never)] // once: a board has little room
 fn tag(key: &[u8; KEY_LEN], head: &[u8; HEADER_LEN], sealed: &[u8]) -> Poly1305 {
     let mut tag = Poly1305::new(&(*key).into());
     tag.update_padded(head);

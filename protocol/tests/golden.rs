@@ -67,7 +67,7 @@ fn peer(message: Peer, body_hex: &str) {
 
 #[test]
 fn sizes_and_schema() {
-    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (5, 0xe502_0c22));
+    assert_eq!((PROTOCOL_VERSION, SCHEMA_HASH), (5, 0xc27c_c67f));
     assert_eq!((HEADER_LEN, MAX_BODY, TAG_LEN, MAX_FRAME, MAX_STREAM), (15, 207, 16, 238, 245));
 }
 

@@ -69,21 +69,21 @@ fn truth_frames_are_what_the_rfc_makes_of_them() {
         hex(&frame(end))
     }
     let (mut drone, mut control) = (drone_end(7), control_end(9));
-    let expected = "53520501030300070040e201000100d63184bb763a7a34171476e4ae5f9e56af";
+    let expected = "53520501030300070040e201000100a5beb09bb2657a8120ceb823f8ba9cd0d8";
     assert_eq!(numbered(&mut drone, 123_456, up), expected);
     let mut drone = drone_end(7);
     drone.meet(9);
-    let expected = "53520501010300070040e201000100fbfdc421e5409270192b94481fee19e4d5";
+    let expected = "53520501010300070040e201000100441ae76b1c9bb50e651b5addf010e5eb60";
     assert_eq!(numbered(&mut drone, 123_456, up), expected);
     control.meet(7);
-    let expected = "535205020100000900050000000100ddeccbe95d6f0e9b0c6031f23f953fb359";
+    let expected = "535205020100000900050000000100232660d2219b3d6ca25cedbfb415f84659";
     assert_eq!(numbered(&mut control, 5, down), expected);
     let mut control = control_end(9);
     (0..5).for_each(|_| drop(down(&mut control)));
     let mut out = [0; MAX_MANAGEMENT];
     let length = control.manage(&Management::Identify, &mut out).expect("room for it");
-    assert_eq!(hex(&out[..length]), "535200000100000900050000000100d16f5f345116c824ac65ecda6ef1199490");
-    assert_eq!(hex(&root().fingerprint()), "f6048c991ce175f9");
+    assert_eq!(hex(&out[..length]), "535200000100000900050000000100acc0f52ff65c2f02aadd4f2496c845e03b");
+    assert_eq!(hex(&root().fingerprint()), "807802d7c5c7bb8d");
 }
 
 #[test]

@@ -20,6 +20,8 @@ const SLOT_TURN_MPS: f32 = 1.5;
 const INV_SQRT_3: f32 = 0.577_350_26;
 /// Descent above the pad, metres a second.
 const LANDING_MPS: f32 = 1.5;
+/// Descent without navigation, metres a second: nobody knows where the ground is.
+const BLIND_LANDING_MPS: f32 = 1.0;
 /// Below this height the landing is over, metres.
 const LANDED_BELOW_M: f32 = 0.2;
 /// Height error at which the climb is over, metres.
@@ -35,7 +37,7 @@ pub(super) struct Mission {
     slot: Slot,
     altitude_m: f32,
     speed_mps: f32,
-    home_m: Vec3,
+    pub(super) home_m: Vec3,
 }
 
 impl Mission {
@@ -95,8 +97,10 @@ pub(super) struct Flight {
     pub(super) avoiding: bool,
     /// Where the supervisor made the drone hold.
     held_at_m: Option<Vec3>,
+    /// Whether there was no fix in the last step.
+    blind: bool,
     /// Velocity wanted in the last step, from which flights to a goal speed up gently.
-    last_wanted: Vec3,
+    pub(super) last_wanted: Vec3,
     events: Vec<(EventCode, u32), 4>,
 }
 
@@ -111,6 +115,7 @@ impl Flight {
             arm_m: ZERO,
             avoiding: false,
             held_at_m: None,
+            blind: false,
             last_wanted: ZERO,
             events: Vec::new(),
         }
@@ -198,7 +203,10 @@ impl Flight {
         limits: &FlightLimits,
         action: Action,
     ) -> (Vec3, Vec3) {
-        self.submit(nav, action);
+        if core::mem::take(&mut self.blind) {
+            self.sees_again(nav);
+        }
+        self.submit(&nav.pos_enu_m, action);
         let (wanted, accel) = match (self.held_at_m, mission) {
             (None, Some(mission)) => self.by_mode(now, nav, mission, lanes, limits),
             (Some(at_m), _) => (
@@ -216,16 +224,41 @@ impl Flight {
         (wanted, accel)
     }
 
-    /// The supervisor's last word.
-    fn submit(&mut self, nav: &NavFix, action: Action) {
+    /// Velocity wanted without a fix: to stand, or to sink where the supervisor says so. The autopilot holds the
+    /// attitude and feels the ground; the motors run on, as nobody here knows that it is reached.
+    pub(super) fn blind(&mut self, action: Action) -> Vec3 {
+        if action == Action::Land && !matches!(self.mode, Mode::Landing { .. }) {
+            self.enter(Mode::Landing { at_m: Some(ZERO) }); // where, is known when it sees again
+        }
+        self.blind = true;
+        let wanted = if action == Action::Land { Vec3::new(0.0, 0.0, -BLIND_LANDING_MPS) } else { ZERO };
+        // After a step or two without a fix the flight goes on as it was.
+        if action != Action::None {
+            self.last_wanted = wanted;
+        }
+        wanted
+    }
+
+    /// A landing on the spot goes on here: nobody knows how far the drone drifted.
+    fn sees_again(&mut self, nav: &NavFix) {
+        if let Mode::Landing { at_m: Some(at_m) } = &mut self.mode {
+            *at_m = nav.pos_enu_m;
+        }
+    }
+
+    /// The supervisor's last word, at `pos_m`.
+    fn submit(&mut self, pos_m: &Vec3, action: Action) {
         let bound_home = matches!(self.mode, Mode::ReturnHome | Mode::Landing { .. });
         match action {
-            Action::Land if !matches!(self.mode, Mode::Landing { .. }) => {
-                self.enter(Mode::Landing { at_m: Some(nav.pos_enu_m) });
-            }
+            Action::Land => match self.mode {
+                // Somebody stands on the pad, or else below: beside is as good as here.
+                Mode::Landing { .. } if self.avoiding => self.mode = Mode::Landing { at_m: Some(*pos_m) },
+                Mode::Landing { .. } => {}
+                _ => self.enter(Mode::Landing { at_m: Some(*pos_m) }),
+            },
             Action::ReturnHome if !bound_home => self.enter(Mode::ReturnHome),
             Action::Hold if !bound_home => {
-                self.held_at_m.get_or_insert(nav.pos_enu_m);
+                self.held_at_m.get_or_insert(*pos_m);
             }
             Action::None => self.held_at_m = None,
             _ => {}

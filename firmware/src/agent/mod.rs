@@ -5,6 +5,7 @@ mod flight;
 mod receive;
 mod transmit;
 mod upload;
+mod vitals;
 
 use crate::{
     Vec3,
@@ -16,7 +17,7 @@ use crate::{
     peers::PeerTable,
     scalar::within,
     srs::Srs,
-    supervisor::{Action, Condition, Health, Supervisor},
+    supervisor::{Action, Condition, Supervisor},
 };
 use flight::{Flight, Mission};
 use receive::Links;
@@ -27,6 +28,7 @@ use skyroost_protocol::{
 };
 use transmit::Transmitter;
 use upload::Upload;
+use vitals::Vitals;
 
 // A board holds one of each in static memory, of 48 KiB that the whole image may take.
 #[cfg(target_pointer_width = "32")]
@@ -60,6 +62,7 @@ pub struct FlightAgent {
     peers: PeerTable,
     srs: Srs,
     supervisor: Supervisor,
+    vitals: Vitals,
     transmitter: Transmitter,
     counters: Counters,
     /// Last navigation solution and when it came.
@@ -84,6 +87,7 @@ impl FlightAgent {
             peers: const { PeerTable::new() },
             srs: Srs::new(&config),
             supervisor: Supervisor::new(),
+            vitals: Vitals::new(),
             transmitter: Transmitter::new(config.id, config.boot_epoch, key),
             counters: Counters::new(),
             nav: None,
@@ -106,6 +110,7 @@ impl FlightAgent {
             peers,
             srs,
             supervisor,
+            vitals,
             transmitter,
             counters,
             nav,
@@ -121,6 +126,7 @@ impl FlightAgent {
         peers.clear();
         srs.restart(&config);
         *supervisor = Supervisor::new();
+        *vitals = Vitals::new();
         *transmitter = Transmitter::new(config.id, config.boot_epoch, key);
         *counters = Counters::new();
         *nav = None;
@@ -134,11 +140,14 @@ impl FlightAgent {
     pub fn step(&mut self, now: TimePs, inputs: &Inputs, outputs: &mut Outputs) {
         self.receive(now, inputs, outputs);
         let fix = self.estimate(now, inputs, outputs);
+        let action = self.supervise(now, fix.as_ref(), outputs);
         outputs.setpoint = match fix {
-            Some(nav) if self.flight.airborne() => self.command(now, &nav, outputs),
-            // Blind: the autopilot holds its attitude at zero velocity until the solution returns.
-            _ => Setpoint { motors: self.flight.airborne(), ..Setpoint::REST },
+            _ if !self.flight.airborne() => Setpoint::REST,
+            Some(nav) => self.command(now, &nav, action),
+            None => Setpoint { motors: true, vel_enu_mps: self.flight.blind(action), ..Setpoint::REST },
         };
+        let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
+        self.flight.drain_events(|code, value| transmitter.event(now, code, value, outputs, counters));
         self.transmit(now, outputs);
     }
 
@@ -154,9 +163,9 @@ impl FlightAgent {
         self.flight.zigzag.phase_um()
     }
 
-    /// How others have to take this drone: one that lands where it is, on its last charge, gives no way.
+    /// How others have to take this drone: one that lands where it is, on its last charge or blind, gives no way.
     fn manner(&self) -> Manner {
-        if self.supervisor.conditions() & Condition::BatteryCritical.bit() != 0 {
+        if self.supervisor.is(Condition::BatteryCritical) || self.supervisor.is(Condition::NavigationGone) {
             return Manner::UNABLE;
         }
         let formation = self.mission.as_ref().filter(|_| self.flight.in_formation());
@@ -184,13 +193,13 @@ impl FlightAgent {
             self.nav = Some((now, nav));
         }
         self.srs.step(now, inputs, fix.as_ref(), self.config.id, outputs, &mut self.counters);
+        self.vitals.listened(now, !inputs.captures.is_empty(), !outputs.srs_gates.is_empty());
         fix
     }
 
-    /// Supervisor, guidance and avoidance, in the air and with a sound fix.
-    fn command(&mut self, now: TimePs, nav: &NavFix, outputs: &mut Outputs) -> Setpoint {
-        let action = self.supervise(now, outputs);
-        self.flight.avoiding = self.supervisor.conditions() & Condition::Avoiding.bit() != 0;
+    /// Guidance and avoidance after the supervisor's `action`, in the air and with a sound fix.
+    fn command(&mut self, now: TimePs, nav: &NavFix, action: Action) -> Setpoint {
+        self.flight.avoiding = self.supervisor.is(Condition::Avoiding);
         let limits = &self.config.limits;
         let mission = self.mission.as_ref();
         let (wanted, accel) = self.flight.wanted(now, nav, mission, &self.lanes, limits, action);
@@ -211,20 +220,14 @@ impl FlightAgent {
         if avoided.active {
             self.avoided = Some(now);
         }
-        let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
-        self.flight.drain_events(|code, value| transmitter.event(now, code, value, outputs, counters));
         Setpoint { motors: self.flight.airborne(), vel_enu_mps: vel, accel_enu_mps2 }
     }
 
-    fn supervise(&mut self, now: TimePs, outputs: &mut Outputs) -> Action {
-        let health = Health {
-            link_heard: self.links.control_heard,
-            nav_heard: self.nav.map_or(TimePs(0), |(at, _)| at),
-            battery_permille: self.battery_permille,
-            mates_heard: self.flight.sweeping_since().and_then(|start| self.mates_heard(start)),
-            avoided: self.avoided,
-            airborne: self.flight.airborne(),
-        };
+    /// Has the supervisor look at everything, in the air and on the ground.
+    #[inline(never)] // the step is long enough
+    fn supervise(&mut self, now: TimePs, fix: Option<&NavFix>, outputs: &mut Outputs) -> Action {
+        self.watch(now, fix);
+        let health = self.health(now);
         let (transmitter, counters) = (&mut self.transmitter, &mut self.counters);
         self.supervisor.step(now, &health, &self.config.supervisor, |condition, raised| {
             transmitter.condition(now, condition, raised, outputs, counters);

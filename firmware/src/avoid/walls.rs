@@ -49,6 +49,28 @@ impl Wall {
             top_m: metres(top),
         }
     }
+
+    /// From the nearest place of its segment to a place.
+    fn out_to(&self, at_m: Vec2) -> Vec2 {
+        let (axis, from_a) = (self.b_m - self.a_m, at_m - self.a_m);
+        let square = axis.norm_squared();
+        let share = if square > 0.0 { within(from_a.dot(&axis) / square, 0.0, 1.0) } else { 0.0 };
+        from_a - axis * share
+    }
+
+    /// From its radius to a place, metres; below zero within it.
+    #[must_use]
+    pub fn room_m(&self, at_m: Vec2) -> f32 {
+        self.out_to(at_m).norm() - self.radius_m
+    }
+
+    /// Whether its segment meets the ray eastwards from a place: of a border, an odd number of walls do from within.
+    #[inline(never)]
+    #[must_use]
+    pub fn is_east_of(&self, at_m: Vec2) -> bool {
+        let (a, b) = (self.a_m, self.b_m);
+        (a.y > at_m.y) != (b.y > at_m.y) && at_m.x < a.x + (at_m.y - a.y) / (b.y - a.y) * (b.x - a.x)
+    }
 }
 
 /// The half-plane of velocities from which `own` can brake `keep_m` before the wall; none where it is above the wall,
@@ -68,11 +90,8 @@ pub fn row(own: &Mover, wall: &Wall, keep_m: f32) -> Option<HalfPlane> {
     if is_beyond(at_m.x, wall.a_m.x, wall.b_m.x) || is_beyond(at_m.y, wall.a_m.y, wall.b_m.y) {
         return None;
     }
-    let axis = wall.b_m - wall.a_m;
-    let from_a = at_m - wall.a_m;
-    let square = axis.norm_squared();
-    let share = if square > 0.0 { within(from_a.dot(&axis) / square, 0.0, 1.0) } else { 0.0 };
-    let out = from_a - axis * share;
+    let (axis, square) = (wall.b_m - wall.a_m, (wall.b_m - wall.a_m).norm_squared());
+    let out = wall.out_to(at_m);
     let distance_m = out.norm();
     let room_m = distance_m - wall.radius_m - keep_m;
     let near = 2.0 * BRAKE_MPS2 * room_m < soon_mps * soon_mps;
@@ -130,6 +149,15 @@ mod tests {
         let share =
             if axis.norm() > 0.0 { within(from_a.dot(&axis) / axis.norm_squared(), 0.0, 1.0) } else { 0.0 };
         (from_a - axis * share).norm() - wall.radius_m
+    }
+
+    #[test]
+    fn truth_of_the_room_before_a_wall() {
+        let wall = wall([0.0, -50.0], [0.0, 50.0], 1.0);
+        for (at, room) in [([4.0, 0.0], 3.0), ([-4.0, 50.0], 3.0), ([3.0, 54.0], 4.0), ([0.5, 0.0], -0.5)] {
+            assert!((wall.room_m(Vec2::from(at)) - room).abs() < 1e-5, "{at:?}");
+            assert_eq!(wall.is_east_of(Vec2::from(at)), at[0] < 0.0 && at[1] < 50.0, "{at:?}");
+        }
     }
 
     #[test]

@@ -116,6 +116,12 @@ pub struct WireConfig {
     battery_low_permille: u16,
     battery_critical_permille: u16,
     mate_lost_ms: u32,
+    nav_gone_ms: u16,
+    nav_error_mm: u16,
+    battery_warn_permille: u16,
+    fence_near_mm: u16,
+    wind_warn_mmps: u16,
+    wind_act_mmps: u16,
 }
 
 impl From<&AgentConfig> for WireConfig {
@@ -133,6 +139,12 @@ impl From<&AgentConfig> for WireConfig {
             battery_low_permille,
             battery_critical_permille,
             mate_lost_ms,
+            nav_gone_ms,
+            nav_error_mm,
+            battery_warn_permille,
+            fence_near_mm,
+            wind_warn_mmps,
+            wind_act_mmps,
         } = supervisor;
         let (capture_ticks, capture_ps) = rate.ratio();
         Self {
@@ -156,6 +168,12 @@ impl From<&AgentConfig> for WireConfig {
             battery_low_permille,
             battery_critical_permille,
             mate_lost_ms,
+            nav_gone_ms,
+            nav_error_mm,
+            battery_warn_permille,
+            fence_near_mm,
+            wind_warn_mmps,
+            wind_act_mmps,
         }
     }
 }
@@ -189,6 +207,12 @@ impl WireConfig {
                 battery_low_permille: self.battery_low_permille,
                 battery_critical_permille: self.battery_critical_permille,
                 mate_lost_ms: self.mate_lost_ms,
+                nav_gone_ms: self.nav_gone_ms,
+                nav_error_mm: self.nav_error_mm,
+                battery_warn_permille: self.battery_warn_permille,
+                fence_near_mm: self.fence_near_mm,
+                wind_warn_mmps: self.wind_warn_mmps,
+                wind_act_mmps: self.wind_act_mmps,
             },
         })
     }
@@ -552,6 +576,7 @@ mod tests {
         config.srs_symbols = 4;
         config.limits.max_speed_mps = 3.25;
         config.supervisor.nav_lost_ms = 77;
+        config.supervisor.wind_act_mmps = 78;
         assert_eq!(WireConfig::from(&config).agent_config(), Some(config));
         let still = WireConfig { capture_ticks: 0, ..WireConfig::from(&config) };
         assert_eq!(still.agent_config(), None);

@@ -212,8 +212,13 @@ impl Lanes {
 
     /// The walls that stand.
     pub fn walls(&self) -> impl Iterator<Item = Wall> {
+        self.walls_from(0)
+    }
+
+    /// Those of them from number `first` on.
+    pub fn walls_from(&self, first: usize) -> impl Iterator<Item = Wall> {
         let behind = self.waypoints_mm.get(usize::from(self.lane_count)..).filter(|_| self.walled);
-        let walls = behind.unwrap_or_default().chunks_exact(WAYPOINTS_PER_WALL);
+        let walls = behind.unwrap_or_default().chunks_exact(WAYPOINTS_PER_WALL).skip(first);
         walls.filter_map(|points| Some(Wall::from_mm(points.try_into().ok()?)))
     }
 

@@ -72,12 +72,18 @@ impl Bench {
 
     /// One step of a drone that goes where it is told to.
     pub(crate) fn fly(&mut self) {
+        self.fly_sensing(|_| {});
+    }
+
+    /// The same, with `sense` to change what the drone is to know.
+    pub(crate) fn fly_sensing(&mut self, sense: impl FnOnce(&mut Inputs)) {
         self.inputs.battery_permille = 900;
         self.inputs.nav = Some(NavFix {
             pos_enu_m: self.pos_enu_m,
             vel_enu_mps: self.outputs.setpoint.vel_enu_mps,
             error_radius_m: 1.0,
         });
+        sense(&mut self.inputs);
         self.outputs.clear();
         let now = self.now();
         self.agent.step(now, &self.inputs, &mut self.outputs);

@@ -23,7 +23,7 @@ use crate::{
         },
     },
 };
-use skyroost_firmware::counters::Counters;
+use skyroost_firmware::{counters::Counters, supervisor::Condition};
 use skyroost_protocol::{
     message::{EventCode, TdoaCounts},
     units::{OccasionId, UserId},
@@ -176,22 +176,12 @@ pub(super) fn event_text(code: EventCode, value: u32) -> String {
         "returning home",
         "landing",
     ];
-    const CONDITIONS: [&str; 8] = [
-        "control link quiet",
-        "control link lost",
-        "control link gone",
-        "navigation lost",
-        "battery low",
-        "battery critical",
-        "fleet mate lost",
-        "avoiding",
-    ];
-    let named =
-        |names: &[&str]| names.get(value as usize).map_or_else(|| value.to_string(), |n| (*n).to_owned());
+    let or_number = |name: Option<&str>| name.map_or_else(|| value.to_string(), str::to_owned);
+    let condition = || or_number(Condition::numbered(value).map(Condition::name));
     match code {
-        EventCode::PhaseEntered => named(&PHASES),
-        EventCode::ConditionRaised => format!("{}: raised", named(&CONDITIONS)),
-        EventCode::ConditionCleared => format!("{}: cleared", named(&CONDITIONS)),
+        EventCode::PhaseEntered => or_number(PHASES.get(value as usize).copied()),
+        EventCode::ConditionRaised => format!("{}: raised", condition()),
+        EventCode::ConditionCleared => format!("{}: cleared", condition()),
         EventCode::SweepDone => format!("lanes flown after {value} s"),
         EventCode::GoalReached => format!("at its placement, {:.1} m off", f64::from(value) * 1e-3),
     }

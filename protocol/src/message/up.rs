@@ -133,7 +133,7 @@ wire! {
         /// Charge left, per mille.
         pub battery_permille: u16,
         /// Supervisor conditions in force, one bit each (`firmware::supervisor`).
-        pub conditions: u16,
+        pub conditions: u32,
         /// Frames lost on the way down, counted from gaps in the sequence.
         pub frames_lost: u32,
         /// Frames refused by the decoder.

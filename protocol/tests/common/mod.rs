@@ -98,15 +98,15 @@ fn tdoa_counts() -> impl Strategy<Value = TdoaCounts> {
 
 fn telemetry() -> impl Strategy<Value = Telemetry> {
     let srs = (clock_state(), tdoa_counts());
-    (time(), phase(), option::of(id(MissionId)), any::<[u32; 5]>(), any::<[u16; 2]>(), srs).prop_map(
-        |(time, phase, mission, counts, shorts, (clock, tdoa))| Telemetry {
+    (time(), phase(), option::of(id(MissionId)), any::<[u32; 6]>(), any::<u16>(), srs).prop_map(
+        |(time, phase, mission, counts, battery_permille, (clock, tdoa))| Telemetry {
             time,
             phase,
             mission,
             sweep_phase_mm: counts[0],
             track_error_mm: counts[1],
-            battery_permille: shorts[0],
-            conditions: shorts[1],
+            battery_permille,
+            conditions: counts[5],
             frames_lost: counts[2],
             frames_rejected: counts[3],
             dropped: counts[4],

@@ -114,6 +114,8 @@ pub struct DroneLink {
     pub state: Option<SharedState>,
     /// Its last telemetry.
     pub telemetry: Option<Telemetry>,
+    /// Its supervisor's conditions as far as they are noted, one bit each, and as of when.
+    pub(super) noted: (TimePs, u32),
     /// Since when it counts as lost.
     pub lost: Option<TimePs>,
     /// When its last frame came.
@@ -140,6 +142,7 @@ impl DroneLink {
             refusals: Refusals::default(),
             state: None,
             telemetry: None,
+            noted: (TimePs(0), 0),
             lost: None,
             heard: TimePs(0),
             in_the_air: (TimePs(0), false),

@@ -95,7 +95,7 @@ pub enum MissionError {
         /// What it does instead.
         phase: FlightPhase,
         /// Its supervisor's conditions, one bit each.
-        conditions: u16,
+        conditions: u32,
     },
     /// Nobody is left to go on with.
     #[error("every drone is lost")]
@@ -285,7 +285,7 @@ impl ControlCenter {
 
     /// Conditions of a drone's supervisor that are in force, one bit each, by its last telemetry.
     #[must_use]
-    pub fn conditions(&self, drone: DroneId) -> u16 {
+    pub fn conditions(&self, drone: DroneId) -> u32 {
         let known = self.drones.iter().find(|known| known.id == drone).and_then(|known| known.telemetry);
         known.map_or(0, |telemetry| telemetry.conditions)
     }
@@ -328,15 +328,10 @@ impl ControlCenter {
                 self.heard_at_station(index, &page);
             }
             Up::Tdoa(entries) => entries.iter().for_each(|entry| self.measured(from, entry)),
-            Up::Event { code, time, value } => {
-                self.events.push(OperatorEvent { time, drone: from, what: Happening::Said { code, value } });
-            }
+            Up::Event { code, time, value } => self.said(index, time, code, value),
+            Up::Telemetry(telemetry) => self.conditions_are(index, telemetry.time, telemetry.conditions),
             // What it says of itself only.
-            Up::Hello { .. }
-            | Up::CommandAck { .. }
-            | Up::Heartbeat
-            | Up::SharedState(_)
-            | Up::Telemetry(_) => {}
+            Up::Hello { .. } | Up::CommandAck { .. } | Up::Heartbeat | Up::SharedState(_) => {}
         }
         Ok(())
     }

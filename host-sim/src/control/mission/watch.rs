@@ -46,6 +46,40 @@ impl ControlCenter {
         }
     }
 
+    /// Notes what a drone said, a condition only where telemetry has not told it yet.
+    pub(super) fn said(&mut self, drone: usize, time: TimePs, code: EventCode, value: u32) {
+        let drone = &mut self.drones[drone];
+        if let (EventCode::ConditionRaised | EventCode::ConditionCleared, Some(bit)) =
+            (code, 1_u32.checked_shl(value))
+        {
+            let (as_of, noted) = &mut drone.noted;
+            let raised = code == EventCode::ConditionRaised;
+            if (*noted & bit != 0) == raised {
+                return;
+            }
+            // One that telemetry has overtaken is told, and over.
+            if time >= *as_of {
+                (*as_of, *noted) = (time, *noted ^ bit);
+            }
+        }
+        self.events.push(OperatorEvent { time, drone: drone.id, what: Happening::Said { code, value } });
+    }
+
+    /// Notes the conditions that telemetry tells and whose events were lost on the way: nothing repeats an event.
+    pub(super) fn conditions_are(&mut self, drone: usize, time: TimePs, conditions: u32) {
+        let drone = &mut self.drones[drone];
+        let (as_of, noted) = drone.noted;
+        if time < as_of {
+            return;
+        }
+        drone.noted = (time, conditions);
+        for value in (0..u32::BITS).filter(|value| (noted ^ conditions) >> value & 1 != 0) {
+            let raised = conditions >> value & 1 != 0;
+            let code = if raised { EventCode::ConditionRaised } else { EventCode::ConditionCleared };
+            self.events.push(OperatorEvent { time, drone: drone.id, what: Happening::Said { code, value } });
+        }
+    }
+
     /// Drones that are lost now, and since when.
     pub fn lost(&self) -> impl Iterator<Item = (DroneId, TimePs)> {
         self.drones.iter().filter_map(|drone| Some((drone.id, drone.lost?)))
@@ -86,7 +120,9 @@ mod tests {
     };
     use skyroost_protocol::{
         codec::{MAX_FRAME, Sender},
-        message::{FlightPhase, Heading, Manner, SharedState, Up, Vertical},
+        message::{
+            ClockState, FlightPhase, Heading, Manner, SharedState, TdoaCounts, Telemetry, Up, Vertical,
+        },
         units::{PosEnuMm, VelEnuMmps},
     };
 
@@ -204,5 +240,55 @@ mod tests {
         });
         assert_eq!(events, [(7_000, Happening::Lost)]);
         assert_eq!(control.lost().map(|(id, _)| id).collect::<Vec<_>>(), [DroneId(1)]);
+    }
+
+    #[test]
+    fn a_condition_is_noted_once_whether_its_event_arrives_or_not() {
+        let (mut control, mut drone) = (control(100), drone());
+        let telemetry = |ms: i64, conditions: u32| {
+            Up::Telemetry(Telemetry {
+                time: at(ms),
+                phase: FlightPhase::Hold,
+                mission: None,
+                sweep_phase_mm: 0,
+                track_error_mm: 0,
+                battery_permille: 900,
+                conditions,
+                frames_lost: 0,
+                frames_rejected: 0,
+                dropped: 0,
+                clock: ClockState::Free,
+                tdoa: TdoaCounts::NONE,
+            })
+        };
+        let event = |ms: i64, code: EventCode, value: u32| Up::Event { code, time: at(ms), value };
+        const LINK_QUIET: u32 = 0;
+        const BATTERY_LOW: u32 = 4;
+        const WIND_STRONG: u32 = 14;
+        const MATE_GONE: u32 = 19;
+        use EventCode::{ConditionCleared, ConditionRaised};
+        for (ms, message) in [
+            (1_100, event(1_000, ConditionRaised, LINK_QUIET)),
+            (1_200, telemetry(1_100, 1 << LINK_QUIET)),
+            // Lost: that it cleared, and what came instead.
+            (2_200, telemetry(2_100, 1 << BATTERY_LOW | 1 << MATE_GONE)),
+            // Late: what telemetry told already, and what was over by then.
+            (2_300, event(2_050, ConditionRaised, BATTERY_LOW)),
+            (2_400, event(2_060, ConditionRaised, WIND_STRONG)),
+            (3_200, telemetry(3_100, 1 << BATTERY_LOW)),
+        ] {
+            drone.says(&mut control, ms, &message);
+        }
+        let noted = control.events().iter().map(|event| (event.time.0 / at(1).0, event.what));
+        let said = |ms, code, value: u32| (ms, Happening::Said { code, value });
+        let expected = [
+            said(1_000, ConditionRaised, LINK_QUIET),
+            said(2_100, ConditionCleared, LINK_QUIET),
+            said(2_100, ConditionRaised, BATTERY_LOW),
+            said(2_100, ConditionRaised, MATE_GONE),
+            said(2_060, ConditionRaised, WIND_STRONG),
+            said(3_100, ConditionCleared, MATE_GONE),
+        ];
+        assert_eq!(noted.collect::<Vec<_>>(), expected);
     }
 }
