@@ -26,7 +26,7 @@ fn a_recorded_mission() {
     let area = area.path().to_str().expect("a path in UTF-8");
     let words = ["--area", area, "--drones", "3", "--loss-fraction", "0.05", "--density-per-km2", "40"];
     for recording in recorded::record(&words, 3) {
-        let mut pair = Pair::new(recording.config);
+        let mut pair = Pair::new(recording.config, recording.key);
         for (now, inputs) in &recording.steps {
             pair.step(*now, inputs).unwrap_or_else(|what| panic!("{what}\n{REPLAY}"));
         }

@@ -75,7 +75,7 @@ pub(crate) fn hold_boards(thoroughness: Thoroughness) -> Outcome {
 /// emulator does the work, and what is counted does not depend on the host.
 fn measure(thoroughness: Thoroughness) -> Outcome<Vec<Figure>> {
     let mut command = cargo("test");
-    command.args(["--workspace", "--locked", "--bench", BOARD]);
+    command.args(["--workspace", "--locked", "--profile=checks", "--bench", BOARD]);
     if thoroughness == Thoroughness::Quick {
         command.args(["--", "--quick"]);
     }

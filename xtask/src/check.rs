@@ -21,7 +21,7 @@ Runs every check in this order and stops at the first that fails:
   cross    the flight code and every board's image: clippy, build, flash, RAM and stack within
            firmware/budgets.toml, no panic, allocation or recursion in a step; and the link of
            step_proof, which fails where the flight code can panic
-  build    the optimised `skyroost` that whole missions are flown with; polars' reader of Parquet
+  build    polars' reader of Parquet
   test     unit, property, documentation and mission tests
   budget   instructions and stack of the worst steps on the emulated board
   doc      documentation, warnings denied
@@ -38,10 +38,7 @@ const STEPS: [Step; 8] = [
     }),
     ("lint", |_| process::run(cargo("clippy").args(HOST).args(["--all-targets", "--", "-D", "warnings"]))),
     ("cross", |_| cross()), // before the tests, which fly missions on the emulated image
-    ("build", |_| {
-        process::run(cargo("build").args(["--locked", "--profile=checks", "--package=skyroost-host-sim"]))?;
-        process::run(cargo("build").args(["--locked", POLARS, "--target-dir=target/polars"]))
-    }),
+    ("build", |_| process::run(cargo("build").args(["--locked", POLARS, "--target-dir=target/polars"]))),
     ("test", test),
     ("budget", |_| bench::hold_boards(Thoroughness::Quick)), // with what the tests have built
     ("doc", |_| process::run(cargo("doc").args(HOST).arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))),
@@ -82,7 +79,7 @@ pub(crate) fn run(args: &[String]) -> Outcome {
 fn test(count: &mut TestCount) -> Outcome {
     let binary = target_dir().join("checks").join("skyroost");
     let mut command = cargo("test");
-    command.args(HOST).arg("--no-fail-fast").env("SKYROOST_BIN", binary);
+    command.args(HOST).args(["--profile=checks", "--no-fail-fast"]).env("SKYROOST_BIN", binary);
     command.env("SKYROOST_BOARD_IMAGE", firmware::EMULATED.image());
     eprintln!("$ {}", process::shown(&command));
     let mut child = command.stdout(Stdio::piped()).spawn().map_err(process::not_started(&command))?;

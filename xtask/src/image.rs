@@ -211,13 +211,13 @@ mod tests {
         let usage = Usage::of(&image, MEMORY_X).unwrap();
         assert_eq!((usage.flash, usage.ram), (392 + 9432 + 80, 80 + 1176));
         let shown = usage.to_string();
-        assert!(shown.contains("9904 of  1048576 bytes    0.9 %"), "{shown}");
+        assert!(shown.contains("9904 of   917504 bytes    1.1 %"), "{shown}");
         assert!(shown.contains("1256 of   131072 bytes    1.0 %"), "{shown}");
     }
 
     #[test]
     fn segments_outside_of_memory_are_refused() {
-        let beyond_flash = elf(&[[1, 0x080f_fff0, 0x080f_fff0, 0x20, 0x20]]);
+        let beyond_flash = elf(&[[1, 0x080d_fff0, 0x080d_fff0, 0x20, 0x20]]);
         let nowhere = elf(&[[1, 0x1000_0000, 0x1000_0000, 0, 16]]);
         for image in [beyond_flash, nowhere] {
             assert!(Usage::of(&image, MEMORY_X).is_err());

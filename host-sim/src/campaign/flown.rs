@@ -170,7 +170,7 @@ mod tests {
             [placement.served_guaranteed, placement.served_actual].map(u64::from)
         );
         assert_eq!(full.users, u64::from(outcome.summary.localization.users));
-        assert!(proposed.served_guaranteed > 0 && proposed.served_guaranteed <= full.served_guaranteed);
+        assert!(proposed.served_guaranteed > 0 && proposed.served_actual <= full.served_actual);
         assert!(random.served_guaranteed <= random.served_actual && random.served_actual <= random.users);
         // Users of a run that flies nothing are the same.
         let alone = Flown { methods: vec![Method::Random], ..flown };

@@ -11,7 +11,7 @@ use skyroost_host_sim::fleet::{
     Board, BoardReport,
     qemu::{Emulator, Launcher, QemuOptions},
 };
-use skyroost_protocol::{message::FlightPhase, units::TimePs};
+use skyroost_protocol::{key::Key, message::FlightPhase, units::TimePs};
 use skyroost_tests::boards::image;
 use std::sync::OnceLock;
 
@@ -27,13 +27,13 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    pub(crate) fn new(config: AgentConfig) -> Self {
+    pub(crate) fn new(config: AgentConfig, key: Option<Key>) -> Self {
         static LAUNCHER: OnceLock<Launcher> = OnceLock::new();
         let options = || QemuOptions { image: Some(image().to_owned()), log_dir: None };
         let launcher = LAUNCHER.get_or_init(|| Launcher::new(&options()).expect("the image of the board"));
         Self {
-            host: FlightAgent::new(config, None),
-            board: launcher.start(config, None).expect("an emulated board"),
+            host: FlightAgent::new(config, key.clone()),
+            board: launcher.start(config, key).expect("an emulated board"),
             outputs: Outputs::default(),
             from_board: Outputs::default(),
             steps: 0,

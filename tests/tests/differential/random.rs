@@ -155,7 +155,7 @@ impl Flight {
         let mut inputs = Inputs::new();
         inputs.battery_permille = 900;
         Self {
-            pair: Pair::new(config),
+            pair: Pair::new(config, None),
             now: epoch,
             pos_m: Vec3::zeros(),
             inputs,

@@ -6,7 +6,7 @@ use skyroost_firmware::{
     config::AgentConfig,
     io::Inputs,
 };
-use skyroost_protocol::units::TimePs;
+use skyroost_protocol::{key::Key, units::TimePs};
 use skyroost_tests::boards::Site;
 use std::fs;
 
@@ -22,6 +22,7 @@ exec cat inner/bus.out > bus.out
 /// One drone's part of a mission.
 pub(crate) struct Recording {
     pub(crate) config: AgentConfig,
+    pub(crate) key: Option<Key>,
     pub(crate) steps: Vec<(TimePs, Inputs)>,
 }
 
@@ -43,13 +44,13 @@ pub(crate) fn record(words: &[&str], drones: usize) -> Vec<Recording> {
 /// Puts the steps together as a board does.
 fn read(bytes: &[u8]) -> Recording {
     let (mut lockstep, mut radio, mut inputs) = (Lockstep::new(), RadioIntake::new(), Inputs::new());
-    let (mut config, mut steps) = (None, Vec::new());
+    let (mut begun, mut steps) = (None, Vec::new());
     let mut rest = bytes;
     while !rest.is_empty() {
         let (taken, ask) = lockstep.take(rest, &mut inputs);
         rest = &rest[taken..];
         match ask {
-            Some(Ask::Begin(drone)) => config = Some(drone),
+            Some(Ask::Begin(drone, key)) => begun = Some((drone, key)),
             Some(Ask::Radio(bytes)) => radio.take(bytes, &mut inputs),
             Some(Ask::Step { now, .. }) => {
                 steps.push((now, inputs.clone()));
@@ -59,5 +60,6 @@ fn read(bytes: &[u8]) -> Recording {
             Some(other) => panic!("{other:?} in a recording"),
         }
     }
-    Recording { config: config.expect("a recording begins with a drone"), steps }
+    let (config, key) = begun.expect("a recording begins with a drone");
+    Recording { config, key, steps }
 }

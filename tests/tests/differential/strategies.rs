@@ -160,7 +160,8 @@ fn wild_down() -> impl Strategy<Value = Down> {
     let piece =
         (prop_oneof![Just(MISSION.0), any::<u16>()], 0_u16..600, vec(any::<[i32; 2]>(), 0..=MAX_LANE_PIECE));
     prop_oneof![
-        (any::<u8>(), any::<u32>()).prop_map(|(version, schema_hash)| Down::Welcome { version, schema_hash }),
+        (any::<u8>(), any::<u32>(), any::<bool>())
+            .prop_map(|(version, schema_hash, resumes)| Down::Welcome { version, schema_hash, resumes }),
         Just(Down::Heartbeat),
         (any::<u16>(), command).prop_map(|(id, command)| Down::Command { id: CommandId(id), command }),
         piece.prop_map(|(mission, first, points)| Down::LanePiece(LanePiece {
