@@ -36,7 +36,7 @@ pub enum LinkFault {
     Decode(DecodeError),
     /// Nothing that this link carries: another kind or another sender.
     Unexpected,
-    /// Authentic, and seen before or too old.
+    /// Authentic, and seen before or too old; or under a key that was changed since, which nobody can tell to be authentic.
     Repeated,
 }
 
@@ -100,6 +100,12 @@ impl LinkEnd {
     #[must_use]
     pub const fn receiver(&self) -> &Receiver {
         &self.receiver
+    }
+
+    /// Frames sent so far.
+    #[must_use]
+    pub const fn sent(&self) -> u32 {
+        self.sender.next_sequence()
     }
 
     /// Whether frames are sealed.
@@ -176,7 +182,8 @@ impl LinkEnd {
         let changed = slot != self.incoming_slot;
         let key = match (&self.next, changed) {
             (Some(next), true) => session(next, own_epoch),
-            (None, true) => return Err(DecodeError::Forged.into()),
+            // Of a key that is forgotten: overtaken by the change.
+            (None, true) => return Err(LinkFault::Repeated),
             (_, false) => self.incoming.clone().ok_or(DecodeError::Forged)?,
         };
         let body = parcel.open(&key, room)?;

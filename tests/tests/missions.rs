@@ -96,6 +96,29 @@ fn a_link_that_loses_a_tenth_of_its_frames() {
     assert!((lost - 0.1).abs() < 0.01, "{lost} of the frames were lost");
 }
 
+/// Late and incomplete: occasions are announced earlier and twice, and the same users are located.
+#[test]
+fn a_link_that_loses_three_frames_of_ten_and_holds_others_up_for_half_a_second() {
+    let good = fly(&[]);
+    let flown = fly_scenario("[link]\nloss_fraction = 0.3\njitter_s = 0.5\n");
+    flown.assert_accepted();
+    for figure in ["/localization/users", "/localization/located", "/safety/violations", "/link/forged"] {
+        assert!((flown.number(figure) - good.number(figure)).abs() < 0.5, "{figure}: {}", flown.json);
+    }
+    assert!(flown.number("/placement/served_ratio") >= 0.98, "{}", flown.json["placement"]);
+}
+
+/// Now and then nobody hears anybody, and once a fleet and the control center do not for eight seconds: it flies on as it was told.
+#[test]
+fn bursts_and_a_partition() {
+    let flown = fly_scenario(
+        "partitions = [{ drones = [1, 2, 3], from_s = 1500, until_s = 1508 }]\n\
+         [link]\nburst_every_s = 120\nburst_s = 0.5\n",
+    );
+    flown.assert_accepted();
+    assert!(flown.number("/link/lost") > 1_000.0, "{}", flown.json["link"]);
+}
+
 /// Writes a scenario.
 fn scenario(text: &str) -> tempfile::NamedTempFile {
     let file = tempfile::NamedTempFile::with_suffix(".toml").unwrap();

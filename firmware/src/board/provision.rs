@@ -31,6 +31,8 @@ pub const PROVISION_LEN: usize = 44;
 /// A word of flash.
 const WORD: usize = 4;
 
+const _: () = assert!(BOOTS_AT >= PROVISION_LEN, "boots begin after what is given");
+
 const MAGIC: [u8; 4] = *b"SRPV";
 const FORMAT: u8 = 1;
 const SEALED: u8 = 1;
@@ -144,7 +146,6 @@ mod tests {
     fn what_was_never_written_is_told_from_what_is_damaged() {
         assert_eq!(Provision::read(&[0xff; PROVISION_LEN]), Err(ProvisionError::Empty));
         assert_eq!(Provision::read(&[0; PROVISION_LEN]), Err(ProvisionError::Format));
-        assert!(BOOTS_AT >= PROVISION_LEN);
         assert_eq!(MOST_BOOTS, 32_752, "half of the epochs, so that all compare rightly");
     }
 }

@@ -196,7 +196,7 @@ impl MissionArgs {
     fn keys(&self, drones: u32) -> Result<MissionKeys, KeysFailure> {
         Ok(match &self.keys {
             _ if self.unauthenticated => MissionKeys::Unauthenticated,
-            Some(file) => MissionKeys::Given(KeyFile::read(file)?.open_links(drones as usize)?),
+            Some(file) => MissionKeys::Given(Box::new(KeyFile::read(file)?.open_links(drones as usize)?)),
             None => MissionKeys::Simulated,
         })
     }

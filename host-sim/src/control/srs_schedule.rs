@@ -5,6 +5,7 @@
 //! two users of a fleet transmit at once. Above the limit of occasions they go where they help most: to each user in
 //! proportion to the variance of its estimate, spread over its pass.
 
+use super::mission::COPY_EVERY;
 use skyroost_protocol::{
     message::{Attached, MAX_SRS_PER_REQUEST, SrsRequest, SrsRequestEntry},
     units::{DroneId, OccasionId, TimePs, UserId},
@@ -13,8 +14,12 @@ use std::collections::BTreeMap;
 
 /// A user counts as heard by a drone for this long: two pages may be lost.
 const HEARD_FOR: TimePs = TimePs::from_ms(2_500);
-/// From the request to the first transmission: two ways of the radio and the gate's lead.
+/// From the request to the first transmission at least: two ways of a good radio and the gate's lead.
 const LEAD: TimePs = TimePs::from_ms(400);
+/// And at most: a drone remembers so many occasions, and users move on.
+const MOST_LEAD: TimePs = TimePs::from_ms(1_200);
+/// The drone opens its gate so long before, and takes in frames once in a step.
+const GATE_LEAD: TimePs = TimePs::from_ms(80);
 
 /// A larger 95 % radius does not count for more.
 const WORST_R95_M: f64 = 300.0;
@@ -89,6 +94,13 @@ impl FleetSchedule {
         Self { fleet, mates, config, users: BTreeMap::new(), next_period: None }
     }
 
+    /// From a request to the first transmission, where a frame takes `delay` and is said so often.
+    #[must_use]
+    pub fn lead(&self, delay: TimePs, copies: usize) -> TimePs {
+        let copied = TimePs(COPY_EVERY.0 * copies.saturating_sub(1) as i64);
+        delay.after(copied).after(GATE_LEAD).clamp(LEAD, MOST_LEAD)
+    }
+
     /// Drone `drone` of this fleet hears these users.
     pub fn heard(&mut self, drone: DroneId, attached: &Attached) {
         let Some(slot) = self.mates.iter().position(|m| *m == drone) else { return };
@@ -99,7 +111,7 @@ impl FleetSchedule {
     }
 
     /// When a period begins, calls `send` with its requests (each goes to all three drones). Occasion
-    /// numbers are the indices of `scheduled`, which grows by them. `r95_m` is the 95 % radius that further occasions
+    /// numbers are the indices of `scheduled`, which grows by them. The first transmission is `lead` from now. `r95_m` is the 95 % radius that further occasions
     /// of a user can improve; none of one never located.
     ///
     /// # Panics
@@ -107,6 +119,7 @@ impl FleetSchedule {
     pub fn step(
         &mut self,
         now: TimePs,
+        lead: TimePs,
         r95_m: impl Fn(UserId) -> Option<f64>,
         scheduled: &mut Vec<Scheduled>,
         mut send: impl FnMut(SrsRequest),
@@ -132,7 +145,7 @@ impl FleetSchedule {
             common.truncate(self.config.max_per_period);
         }
         let Some(spacing) = self.config.period.0.checked_div(common.len() as i64).map(TimePs) else { return };
-        let mut at = now.after(LEAD);
+        let mut at = now.after(lead);
         for batch in common.chunks(MAX_SRS_PER_REQUEST) {
             let first = scheduled.len();
             let start = at;
@@ -178,7 +191,7 @@ mod tests {
             schedule.heard(MATES[2], &page(s, 0..15, 4)); // five users miss the third drone
             for ms in (0..1_000).step_by(40) {
                 let now = TimePs::from_ms(s * 1000 + ms);
-                schedule.step(now, |_| None, &mut scheduled, |r| requests.push((now, r)));
+                schedule.step(now, LEAD, |_| None, &mut scheduled, |r| requests.push((now, r)));
             }
         }
         assert_eq!(scheduled.len(), 45);
@@ -196,7 +209,7 @@ mod tests {
         let mut scheduled = Vec::new();
         for s in 0..4 {
             MATES.iter().for_each(|m| schedule.heard(*m, &page(s, 0..20, 1)));
-            schedule.step(TimePs::from_ms(s * 1000), |_| None, &mut scheduled, |_| {});
+            schedule.step(TimePs::from_ms(s * 1000), LEAD, |_| None, &mut scheduled, |_| {});
         }
         let mut asked = [0; 20];
         scheduled.iter().for_each(|s| asked[s.user.0 as usize] += 1);
@@ -206,7 +219,7 @@ mod tests {
     #[test]
     fn nobody_in_reach_is_no_request() {
         let mut schedule = FleetSchedule::new(0, MATES, SrsConfig::default());
-        schedule.step(TimePs(0), |_| None, &mut Vec::new(), |_| panic!("nobody to ask"));
+        schedule.step(TimePs(0), LEAD, |_| None, &mut Vec::new(), |_| panic!("nobody to ask"));
     }
 
     /// How often each user is asked in `seconds`, with 95 % radii that stay as they are.
@@ -217,7 +230,7 @@ mod tests {
         for s in 0..seconds {
             MATES.iter().for_each(|m| schedule.heard(*m, &page(s, 0..users, 1)));
             let r95_m = |user: UserId| Some(r95_m[user.0 as usize]);
-            schedule.step(TimePs::from_ms(s * 1000), r95_m, &mut scheduled, |_| {});
+            schedule.step(TimePs::from_ms(s * 1000), LEAD, r95_m, &mut scheduled, |_| {});
         }
         let of = |user: u32| scheduled.iter().filter(|s| s.user.0 == user).count();
         (0..users).map(of).collect()

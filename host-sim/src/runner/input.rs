@@ -48,7 +48,7 @@ pub enum MissionKeys {
     #[default]
     Simulated,
     /// These.
-    Given(LinkKeys),
+    Given(Box<LinkKeys>),
     /// Nothing: whoever can send can command the drones.
     Unauthenticated,
 }

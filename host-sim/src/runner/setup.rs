@@ -29,7 +29,7 @@ use crate::{
         clock::{Clock, ClockConfig},
         gnss::{Gnss, GnssConfig},
         grid::PointGrid,
-        link::{Link, LinkConfig},
+        link::{AdversityConfig, Link, LinkConfig},
         pps::{Pps, PpsConfig},
         users::{User, poisson_users},
         vehicle::{Vehicle, VehicleConfig},
@@ -227,7 +227,7 @@ fn mission_plan(
 fn link_keys(input: &MissionInput, drones: usize) -> LinkKeys {
     match &input.keys {
         MissionKeys::Simulated => simulated_keys(input.scenario.seed, drones),
-        MissionKeys::Given(keys) => keys.clone(),
+        MissionKeys::Given(keys) => LinkKeys::clone(keys),
         MissionKeys::Unauthenticated => LinkKeys::none(),
     }
 }
@@ -339,13 +339,15 @@ pub(super) fn islands(
         jitter_us: 0,
         ..link_config(scenario)
     };
+    let weather = weather(scenario);
     for indices in members {
         let own = indices.iter().map(|&index| drone(scenario, &drones[index], keys, hangar));
         let own = own.collect::<Result<_, _>>()?;
         let pairs =
             indices.iter().flat_map(|&from| indices.iter().map(move |&to| (from * count + to) as u64));
-        let links =
-            pairs.map(|pair| Link::new(peer.clone(), scenario.seed, Stream::LinkPeer, pair)).collect();
+        let links = pairs
+            .map(|pair| Link::new(peer.clone(), scenario.seed, Stream::LinkPeer, pair).with(&weather))
+            .collect();
         islands.push(Island::new(own, links));
     }
     Ok(islands)
@@ -360,6 +362,27 @@ fn link_config(scenario: &Scenario) -> LinkConfig {
         duplication: link.duplicate_fraction,
         reordering: link.reorder_fraction,
         ..LinkConfig::default()
+    }
+}
+
+/// What comes over the links between a drone and the control center.
+fn adversity(scenario: &Scenario, drone: u32) -> AdversityConfig {
+    let us = |s: f64| 1e6 * s;
+    let of_drone = scenario.partitions.iter().filter(|it| it.drones.is_empty() || it.drones.contains(&drone));
+    AdversityConfig {
+        partitions_us: of_drone.map(|it| (us(it.from_s) as u64, us(it.until_s) as u64)).collect(),
+        ..weather(scenario)
+    }
+}
+
+/// What comes over any link: bursts, and the rate of its transmitter.
+fn weather(scenario: &Scenario) -> AdversityConfig {
+    let link = &scenario.link;
+    AdversityConfig {
+        burst_every_us: 1e6 * link.burst_every_s.unwrap_or_default(),
+        burst_us: 1e6 * link.burst_s,
+        bits_per_s: link.bits_per_s.unwrap_or_default(),
+        ..AdversityConfig::default()
     }
 }
 
@@ -402,14 +425,15 @@ fn drone(
         max_accel_mps2: scenario.fleet.max_accel_mps2,
         ..VehicleConfig::default()
     };
+    let adversity = adversity(scenario, number);
     let battery = BatteryConfig { endurance_s: scenario.battery.endurance_s, ..BatteryConfig::default() };
     let drone = Drone::new(
         planned.id,
         Parts {
             board: hangar.start(agent_config(scenario, planned.id), keys.root(planned.id).cloned())?,
             vehicle: Vehicle::new(vehicle, dt_s, planned.pad_m),
-            uplink: Link::new(link_config(scenario), seed, Stream::LinkUp, index),
-            downlink: Link::new(link_config(scenario), seed, Stream::LinkDown, index),
+            uplink: Link::new(link_config(scenario), seed, Stream::LinkUp, index).with(&adversity),
+            downlink: Link::new(link_config(scenario), seed, Stream::LinkDown, index).with(&adversity),
             clock: Clock::new(&clock, seed, index),
             pps: Pps::new(pps, seed, index),
             wind: Wind::new(&wind, dt_s, seed, index),

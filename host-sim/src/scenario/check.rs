@@ -26,6 +26,7 @@ pub(super) fn check(scenario: &Scenario, source: &Source) -> Result<(), Scenario
     formation(scenario, source)?;
     pads(scenario, source)?;
     losses(scenario, source)?;
+    partitions(scenario, source)?;
     proportions(scenario, source)?;
     let Scenario { srs, users, fleet, .. } = scenario;
     require(srs.nlos_min_ns <= srs.nlos_max_ns, source, "srs.nlos_min_ns", srs.nlos_min_ns, || {
@@ -42,6 +43,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         name,
         seed: _,
         losses: _,
+        partitions: _,
         area,
         obstacles,
         fence,
@@ -85,6 +87,8 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("srs.period_s", srs.period_s, 3600.0),
         ("wind.gust_time_s", wind.gust_time_s, 3600.0),
         ("link.share_period_s", link.share_period_s, 10.0),
+        ("link.burst_every_s", link.burst_every_s.unwrap_or(1.0), MAX_TIME_S),
+        ("link.bits_per_s", link.bits_per_s.unwrap_or(1.0), 1e12),
         ("link.rekey_s", link.rekey_s.unwrap_or(1.0), MAX_TIME_S),
         ("battery.endurance_s", battery.endurance_s, MAX_TIME_S),
         ("mission.time_s", mission.time_s, MAX_TIME_S),
@@ -124,6 +128,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("link.duplicate_fraction", link.duplicate_fraction, 0.0..=1.0),
         ("link.reorder_fraction", link.reorder_fraction, 0.0..=1.0),
         ("link.peer_delay_s", link.peer_delay_s, 0.0..=10.0),
+        ("link.burst_s", link.burst_s, 0.0..=3600.0),
     ] {
         in_bounds(source, field, value, bounds)?;
     }
@@ -218,6 +223,24 @@ fn losses(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
         let twice = scenario.losses[..index].iter().any(|before| before.drone == loss.drone);
         require(!twice, source, field, format!("drone {} twice", loss.drone), || {
             "each drone lost once".to_owned()
+        })?;
+    }
+    Ok(())
+}
+
+/// Times that end after they begin, of drones that exist.
+fn partitions(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let (field, drones) = ("partitions", scenario.fleet.drones);
+    for partition in &scenario.partitions {
+        for drone in &partition.drones {
+            require((1..=drones).contains(drone), source, field, format!("drone {drone}"), || {
+                format!("drone 1 to {drones} (fleet.drones)")
+            })?;
+        }
+        let (from_s, until_s) = (partition.from_s, partition.until_s);
+        let holds = 0.0 <= from_s && from_s < until_s && until_s <= MAX_TIME_S;
+        require(holds, source, field, format!("from_s = {from_s}, until_s = {until_s}"), || {
+            format!("from_s from 0 on, and until_s above it and up to {MAX_TIME_S}")
         })?;
     }
     Ok(())

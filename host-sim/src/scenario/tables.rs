@@ -14,6 +14,8 @@ pub struct Scenario {
     pub seed: u64,
     /// Drones that break down.
     pub losses: Vec<LossTable>,
+    /// When drones and control center do not hear each other.
+    pub partitions: Vec<PartitionTable>,
     /// The area to sweep.
     pub area: AreaTable,
     /// What drones must not hit.
@@ -48,6 +50,7 @@ impl Default for Scenario {
             name: "paper".to_owned(),
             seed: 1,
             losses: Vec::new(),
+            partitions: Vec::new(),
             area: AreaTable::default(),
             obstacles: ObstaclesTable::default(),
             fence: FenceTable::default(),
@@ -88,6 +91,19 @@ pub struct LossTable {
     pub drone: u32,
     /// Simulated time from the start.
     pub at_s: f64,
+}
+
+/// A time in which drones and the control center do not hear each other; fleet mates still do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartitionTable {
+    /// Numbers of the drones, from 1; all where none is stated.
+    #[serde(default)]
+    pub drones: Vec<u32>,
+    /// Simulated time from the start at which it begins.
+    pub from_s: f64,
+    /// When it ends.
+    pub until_s: f64,
 }
 
 /// The area: a file, or a rectangle whose south-west corner is the local origin.
@@ -400,6 +416,12 @@ pub struct LinkTable {
     pub share_period_s: f64,
     /// Delay of a frame between drones of a fleet.
     pub peer_delay_s: f64,
+    /// Mean time from one burst of loss to the next; none where it is not stated.
+    pub burst_every_s: Option<f64>,
+    /// Mean length of a burst, in which nothing arrives.
+    pub burst_s: f64,
+    /// Bits that a drone or, to each drone, the control center sends in a second at most; any number where it is not stated.
+    pub bits_per_s: Option<f64>,
     /// Every so often the keys of the links are changed; never where it is not stated.
     pub rekey_s: Option<f64>,
 }
@@ -414,6 +436,9 @@ impl Default for LinkTable {
             reorder_fraction: 0.0,
             share_period_s: 0.1,
             peer_delay_s: 0.02,
+            burst_every_s: None,
+            burst_s: 1.0,
+            bits_per_s: None,
             rekey_s: Some(1_800.0),
         }
     }

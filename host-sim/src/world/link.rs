@@ -4,9 +4,17 @@
 //! one stream, whatever the probabilities are, so raising the loss leaves the delays of the surviving frames as
 //! they were. Frames wait in a slab of fixed-size slots under a heap of due times; both grow to the
 //! most that was ever in flight and then never allocate again.
+//!
+//! What comes over a link from outside, for a while and to all frames alike, is [`Adversity`]: bursts of loss,
+//! partitions, and a rate that no transmitter exceeds.
+
+mod adversity;
+
+pub use adversity::{Adversity, AdversityConfig};
 
 use crate::rng::{self, Stream};
 use crate::world::{ConfigError, Range, require};
+use adversity::Strike;
 use rand_chacha::ChaCha8Rng;
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
@@ -86,7 +94,7 @@ pub struct LinkCounters {
     pub sent: u64,
     /// Their bytes.
     pub bytes: u64,
-    /// Frames lost by chance.
+    /// Frames lost by chance, in bursts and in partitions.
     pub lost: u64,
     /// Second copies made.
     pub duplicated: u64,
@@ -98,6 +106,10 @@ pub struct LinkCounters {
     pub delivered: u64,
     /// Frames and copies dropped because the link was full.
     pub dropped_overflow: u64,
+    /// Of the lost, those of bursts.
+    pub lost_in_bursts: u64,
+    /// Of the lost, those of partitions.
+    pub lost_in_partitions: u64,
 }
 
 impl LinkCounters {
@@ -111,6 +123,8 @@ impl LinkCounters {
         self.corrupted += other.corrupted;
         self.delivered += other.delivered;
         self.dropped_overflow += other.dropped_overflow;
+        self.lost_in_bursts += other.lost_in_bursts;
+        self.lost_in_partitions += other.lost_in_partitions;
     }
 }
 
@@ -142,6 +156,8 @@ pub struct Link<const N: usize> {
     fates: ChaCha8Rng,
     /// Which bits are flipped: the only draws whose number varies.
     flips: ChaCha8Rng,
+    /// What comes over it from outside; apart, as most links have none.
+    adversity: Option<Box<Adversity>>,
     /// One more than the number of the latest frame, in sending order, that was delivered.
     delivered_up_to: u64,
     counters: LinkCounters,
@@ -205,9 +221,23 @@ impl<const N: usize> Link<N> {
             free: Vec::new(),
             fates,
             flips,
+            adversity: None,
             delivered_up_to: 0,
             counters: LinkCounters::default(),
         }
+    }
+
+    /// The same link with what comes over it from outside.
+    ///
+    /// # Panics
+    /// On a config that [`AdversityConfig::check`] refuses.
+    #[must_use]
+    pub fn with(mut self, adversity: &AdversityConfig) -> Self {
+        // A third stream of the link's own: no frame's draws are others for it.
+        let mut chance = self.fates.clone();
+        chance.set_stream(2);
+        self.adversity = Adversity::new(adversity, chance).map(Box::new);
+        self
     }
 
     /// Puts a frame on its way. Times may come in any order; due times count from each frame's own.
@@ -221,6 +251,26 @@ impl<const N: usize> Link<N> {
         self.counters.bytes += frame.len() as u64;
         let fate = Fate::draw(&mut self.fates);
         let c = &self.config;
+        let mut now_us = now_us;
+        if let Some(adversity) = &mut self.adversity {
+            match adversity.strike(now_us, frame.len()) {
+                Strike::Sent { at_us } => now_us = at_us,
+                Strike::Full => {
+                    self.counters.dropped_overflow += 1;
+                    return;
+                }
+                Strike::Burst => {
+                    self.counters.lost += 1;
+                    self.counters.lost_in_bursts += 1;
+                    return;
+                }
+                Strike::Partition => {
+                    self.counters.lost += 1;
+                    self.counters.lost_in_partitions += 1;
+                    return;
+                }
+            }
+        }
         if hits(fate.loss, c.loss) {
             self.counters.lost += 1;
             return;

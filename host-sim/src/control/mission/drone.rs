@@ -1,6 +1,7 @@
 //! The control center's end of one drone's link: who may be believed, and commands that are repeated until they are
 //! acknowledged.
 
+use super::quality::Quality;
 use crate::{control::keys::LinkKeys, geometry::V2};
 use skyroost_protocol::{
     DecodeError, LinkEnd, LinkFault, MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
@@ -122,6 +123,8 @@ pub struct DroneLink {
     heard: TimePs,
     /// Whether it is in the air, and when it said so.
     in_the_air: (TimePs, bool),
+    /// How well frames get through.
+    pub quality: Quality,
     end: LinkEnd,
     identify_due: TimePs,
     queue: VecDeque<Command>,
@@ -146,6 +149,7 @@ impl DroneLink {
             lost: None,
             heard: TimePs(0),
             in_the_air: (TimePs(0), false),
+            quality: Quality::default(),
             end: LinkEnd::new(DroneId::CONTROL, keys.boot_epoch(), id, keys.root(id).cloned()),
             identify_due: TimePs(0),
             queue: VecDeque::new(),
@@ -292,6 +296,11 @@ impl DroneLink {
     /// A frame came at `now`.
     fn hears(&mut self, now: TimePs, message: &Up) {
         self.heard = now;
+        match message {
+            Up::SharedState(state) => self.quality.took(now.since(state.time)),
+            Up::Telemetry(telemetry) => self.quality.lost(self.end.sent(), telemetry.frames_lost),
+            _ => {}
+        }
         let said = match message {
             // States are shared in the air only.
             Up::SharedState(state) => Some((state.time, true)),

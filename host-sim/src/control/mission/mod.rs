@@ -7,6 +7,7 @@ mod assembly;
 pub mod drone;
 mod goals;
 pub mod plan;
+mod quality;
 mod refine;
 pub(in crate::control) mod relaying;
 mod stages;
@@ -39,6 +40,17 @@ pub use watch::{Happening, OperatorEvent};
 /// Everything is solved for the first time after so many occasions for each fleet, and again when they have grown by as
 /// many and a half: a fleet of few users is the dearest to solve for, each being tried from all sides.
 const FIRST_SOLUTION: usize = 128;
+
+/// Between two copies of what is said more than once: bursts of loss are short, and so is the time to an occasion.
+pub(in crate::control) const COPY_EVERY: TimePs = TimePs::from_ms(80);
+
+/// Something to be said once more.
+#[derive(Debug)]
+struct Again {
+    due: TimePs,
+    mates: [DroneId; 3],
+    message: Down,
+}
 
 /// What the control center is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -163,6 +175,8 @@ pub struct ControlCenter {
     drones: Vec<DroneLink>,
     schedules: Vec<FleetSchedule>,
     scheduled: Vec<Scheduled>,
+    /// Requests that are said more than once.
+    again: Vec<Again>,
     reported: Vec<bool>,
     occasions: Vec<Occasion>,
     occasion_ids: Vec<OccasionId>,
@@ -203,6 +217,7 @@ impl ControlCenter {
             stage: Stage::Connect,
             stage_since: TimePs(0),
             scheduled: Vec::new(),
+            again: Vec::new(),
             reported: Vec::new(),
             occasions: Vec::new(),
             occasion_ids: Vec::new(),
@@ -369,17 +384,34 @@ impl ControlCenter {
 
     fn ask_for_srs(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
         for (schedule, fleet) in self.schedules.iter_mut().zip(&self.plan.fleets) {
-            let drones = &mut self.drones;
             let running = &self.running;
             let r95_m = |user| running.fix(user).map(|fix| fix.known_clocks_r95_m);
-            schedule.step(now, r95_m, &mut self.scheduled, |request| {
+            let mut mates: Vec<&mut DroneLink> =
+                self.drones.iter_mut().filter(|d| fleet.mates.contains(&d.id)).collect();
+            // All three have to hear of an occasion, and before it: the worst link says when and how often.
+            let delay = mates.iter().map(|drone| drone.quality.delay()).max().unwrap_or_default();
+            let copies = mates.iter().map(|drone| drone.quality.copies()).max().unwrap_or(1);
+            let lead = schedule.lead(delay, copies);
+            schedule.step(now, lead, r95_m, &mut self.scheduled, |request| {
                 let message = Down::SrsRequest(request);
-                for drone in drones.iter_mut().filter(|d| fleet.mates.contains(&d.id)) {
-                    drone.say(&message, send);
-                }
+                mates.iter_mut().for_each(|drone| drone.say(&message, send));
+                self.again.extend((1..copies).map(|copy| Again {
+                    due: now.after(TimePs(COPY_EVERY.0 * copy as i64)),
+                    mates: fleet.mates,
+                    message: message.clone(),
+                }));
             });
         }
         self.reported.resize(self.scheduled.len(), false);
+        self.say_again(now, send);
+    }
+
+    /// Says what is due to be said once more, to drones that may not have heard it.
+    fn say_again(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
+        let drones = &mut self.drones;
+        for Again { mates, message, .. } in self.again.extract_if(.., |again| again.due <= now) {
+            drones.iter_mut().filter(|d| mates.contains(&d.id)).for_each(|drone| drone.say(&message, send));
+        }
     }
 
     /// Solves for all users and clocks together whenever the occasions have grown by a share, so that every
