@@ -33,7 +33,7 @@ pub(crate) struct Board {
     pub(crate) name: &'static str,
     /// The linker script with its memory, at the root of the workspace.
     memory: &'static str,
-    /// How it is optimised, in TOML: `"s"` for what must fit, `3` for what must be fast. The same bits either way.
+    /// How it is optimised, in TOML: `"s"` for what must fit, `2` for what should be fast and fit as well. The same bits either way.
     opt_level: &'static str,
 }
 
@@ -45,7 +45,7 @@ pub(crate) const BOARDS: [Board; 2] =
 pub(crate) const STACK_MEASURED: &str = "stack_bytes";
 
 /// The board that whole missions are flown on without hardware.
-pub(crate) const EMULATED: Board = Board { name: "emulated", memory: "memory.x", opt_level: "3" };
+pub(crate) const EMULATED: Board = Board { name: "emulated", memory: "memory.x", opt_level: "2" };
 
 /// No board, though built like one: an image that links only if the flight code cannot panic.
 pub(crate) const STEP_PROOF: Board = Board { name: "step_proof", memory: "memory.x", opt_level: "3" };
