@@ -8,7 +8,7 @@
 //! the control center answer to a boot that is over, which nobody can go on from.
 //!
 //! A control center that starts anew knows of no drone which boot it is at. It asks by a management frame
-//! ([`manage`](crate::manage)), or remembers; its first bound frame makes the drone change over to it, as its boot epoch is
+//! ([`manage`]), or remembers; its first bound frame makes the drone change over to it, as its boot epoch is
 //! newer.
 //!
 //! # How a key is changed
