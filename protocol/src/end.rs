@@ -210,7 +210,14 @@ impl LinkEnd {
         (self.incoming_slot, self.next) = (0, None);
     }
 
-    /// Keeps a key to change over to, in the place of one that was kept before.
+    /// Whether a key was offered and has not been heard yet.
+    #[must_use]
+    pub const fn is_changing(&self) -> bool {
+        self.next.is_some()
+    }
+
+    /// Keeps a key to change over to, in the place of one that was kept before. Whoever makes keys must not offer another while
+    /// a [change is under way](Self::is_changing): the other end may seal with the first already.
     pub fn offer(&mut self, key: Key) {
         self.next = Some(key);
     }

@@ -97,7 +97,7 @@ impl FlightAgent {
             }
             Command::PeerKey(key) => {
                 self.transmitter.seal_peer(key);
-                self.links.peer_key = Some(key.clone());
+                self.links.hear_mates_under(key);
                 AckStatus::Accepted
             }
         }

@@ -33,7 +33,7 @@ use vitals::Vitals;
 // A board holds one of each in static memory, of 48 KiB that the whole image may take.
 #[cfg(target_pointer_width = "32")]
 const _: () =
-    assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024 + 640);
+    assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024 + 448);
 
 /// The charge that is assumed until the first step says otherwise, per mille.
 const FULL_PERMILLE: u16 = 1000;

@@ -22,7 +22,7 @@ use skyroost_protocol::{
 #[derive(Clone, Debug)]
 pub(super) struct Links {
     /// Opens what fleet mates say.
-    pub(super) peer_key: Option<Key>,
+    peer_key: Option<Key>,
     /// One for each fleet mate, by position in the mission's list of mates.
     mates: [Receiver; 3],
     /// Last word of each.
@@ -49,6 +49,13 @@ impl Links {
             last_command: None,
             commands_of: None,
         }
+    }
+
+    /// Opens what fleet mates say with this key. Nothing was ever sealed with it, so their numbers begin anew: whoever had a mate's
+    /// place before may have booted more often.
+    pub(super) fn hear_mates_under(&mut self, key: &Key) {
+        self.peer_key = Some(key.clone());
+        self.mates = [const { Receiver::new() }; 3];
     }
 }
 

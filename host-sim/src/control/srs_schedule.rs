@@ -94,6 +94,12 @@ impl FleetSchedule {
         Self { fleet, mates, config, users: BTreeMap::new(), next_period: None }
     }
 
+    /// Whether a period begins.
+    #[must_use]
+    pub fn is_due(&self, now: TimePs) -> bool {
+        self.next_period.is_none_or(|next| now >= next)
+    }
+
     /// From a request to the first transmission, where a frame takes `delay` and is said so often.
     #[must_use]
     pub fn lead(&self, delay: TimePs, copies: usize) -> TimePs {
@@ -124,7 +130,7 @@ impl FleetSchedule {
         scheduled: &mut Vec<Scheduled>,
         mut send: impl FnMut(SrsRequest),
     ) {
-        if now < *self.next_period.get_or_insert(now) {
+        if !self.is_due(now) {
             return;
         }
         self.next_period = Some(now.after(self.config.period));

@@ -24,9 +24,9 @@ use std::{
 
 /// A board that says nothing for this long hangs.
 const SILENCE: Duration = Duration::from_secs(3);
-/// Where a link damages bytes, a question is asked again for so long: with a key in it, the first one is so long that one in a hundred
-/// damaged bytes leaves every fifth of them and of their answers whole.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// A question is given up to so many times the time after which it is first asked again: a board that is slow is not buried under
+/// questions, and one behind a link that damages every hundredth byte is asked some seventy times before it counts as silent.
+const MOST_BACKOFF: u32 = 4;
 
 /// The last part of it, on a link that damages nothing, in which an open frame may still end.
 const SILENCE_AT_THE_END: Duration = Duration::from_secs(1);
@@ -350,10 +350,12 @@ impl<T: Transport> BusClient<T> {
         doing: impl Fn() -> String,
         mut pick: impl FnMut(&mut Self, FromBoard<'_>) -> Option<A>,
     ) -> Result<A, BoardFault> {
-        let begun = Instant::now();
+        let (begun, mut backoff) = (Instant::now(), 1);
         loop {
             self.transport.send(&self.request).map_err(fault)?;
-            let timeout = self.link.resend_after.unwrap_or(SILENCE - SILENCE_AT_THE_END);
+            let timeout =
+                self.link.resend_after.map_or(SILENCE - SILENCE_AT_THE_END, |after| after * backoff);
+            backoff = (2 * backoff).min(MOST_BACKOFF);
             let heard = self.listen(timeout, &mut |client, message| {
                 if let FromBoard::Refused(refusal) = message {
                     return Err(BoardFault::Nonsense(format!("it refuses: {refusal:?}")));
@@ -362,9 +364,8 @@ impl<T: Transport> BusClient<T> {
             })?;
             match heard {
                 Heard::Done(answer) => return Ok(answer),
-                _ if self.link.resend_after.is_none() || begun.elapsed() >= PATIENCE => {
-                    let limit = self.link.resend_after.map_or(SILENCE, |_| PATIENCE);
-                    return Err(BoardFault::Silent { seconds: limit.as_secs(), doing: doing() });
+                _ if self.link.resend_after.is_none() || begun.elapsed() >= SILENCE => {
+                    return Err(BoardFault::Silent { seconds: SILENCE.as_secs(), doing: doing() });
                 }
                 _ => self.counters.resent += 1,
             }

@@ -14,6 +14,7 @@ use skyroost_firmware::board::autopilot::{Given, Start};
 use skyroost_firmware::board::shell::Shell;
 
 use super::given::Sector;
+use super::ports::{self, BusRx, BusTx};
 use super::{DRIVER_PRIORITY, Executors, capture, clocks, emulator, flight, links, safe, supply};
 
 /// The watchdog resets the board when no step has ended for this long: ten slots at the nominal 32 kHz
@@ -113,8 +114,8 @@ pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
     };
     let watchdog = IndependentWatchdog::new(peripherals.IWDG, WATCHDOG_US);
     executors.guide(flight::guidance(shell, watchdog, Sector::new(peripherals.FLASH), start));
-    executors.link(read_bus(shell, bus_rx));
-    executors.link(write_bus(shell, bus_tx));
+    executors.link(ports::read_bus(shell, BusRx::Chip(bus_rx)));
+    executors.link(ports::write_bus(shell, BusTx::Chip(bus_tx)));
     executors.link(read_radio(shell, radio_rx));
     executors.link(write_radio(radio_tx));
     executors.link(links::log(shell));
@@ -124,16 +125,6 @@ fn at(baud: u32) -> usart::Config {
     let mut config = usart::Config::default();
     config.baudrate = baud;
     config
-}
-
-#[embassy_executor::task]
-async fn read_bus(shell: &'static Shell, uart: RingBufferedUartRx<'static>) {
-    links::read_bus(shell, uart).await;
-}
-
-#[embassy_executor::task]
-async fn write_bus(shell: &'static Shell, uart: UartTx<'static, Async>) {
-    links::write_bus(shell, uart).await;
 }
 
 #[embassy_executor::task]

@@ -1,6 +1,5 @@
 //! The emulator: QEMU 7.2's STM32F405, which has UARTs but neither clock tree nor DMA.
 
-use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use embassy_stm32::interrupt;
@@ -8,10 +7,10 @@ use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex as Raw;
 use embassy_sync::pipe::Pipe;
-use embedded_io_async::{ErrorType, Read, Write};
 use skyroost_firmware::board::shell::Shell;
 
-use super::{DRIVER_PRIORITY, Executors, flight, links};
+use super::ports::{self, BusRx, BusTx};
+use super::{DRIVER_PRIORITY, Executors, flight};
 
 static EMULATED: AtomicBool = AtomicBool::new(false);
 /// Bytes that USART1 received.
@@ -60,8 +59,8 @@ pub(crate) fn start(shell: &'static Shell, executors: &Executors) {
     // SAFETY: the handler needs nothing but what is set up now.
     unsafe { interrupt::USART1.enable() };
     executors.guide(flight::bench_guidance(shell));
-    executors.link(read_bus(shell));
-    executors.link(write_bus(shell));
+    executors.link(ports::read_bus(shell, BusRx::Emulator(Port)));
+    executors.link(ports::write_bus(shell, BusTx::Emulator(Port)));
 }
 
 /// Takes in the byte that has come. Without room it stays where it is, and the emulator sends no more.
@@ -78,41 +77,23 @@ pub(crate) fn on_usart1() {
 }
 
 /// USART1 by plain interrupts.
-struct Port;
+pub(crate) struct Port;
 
-impl ErrorType for Port {
-    type Error = Infallible;
-}
-
-impl Read for Port {
-    async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+impl Port {
+    /// Waits for bytes; how many came.
+    pub(crate) async fn read(&mut self, bytes: &mut [u8]) -> usize {
         let count = RECEIVED.read(bytes).await;
         critical_section::with(|_| pac::USART1.cr1().modify(|w| w.set_rxneie(true)));
-        Ok(count)
+        count
     }
-}
 
-impl Write for Port {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+    /// Sends all of `bytes`.
+    pub(crate) fn write(&mut self, bytes: &[u8]) -> usize {
         for byte in bytes {
             // The emulator is always ready: it hands bytes on as they are written.
             while !pac::USART1.sr().read().txe() {}
             pac::USART1.dr().write(|w| w.set_dr(u16::from(*byte)));
         }
-        Ok(bytes.len())
+        bytes.len()
     }
-
-    async fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-#[embassy_executor::task]
-async fn read_bus(shell: &'static Shell) {
-    links::read_bus(shell, Port).await;
-}
-
-#[embassy_executor::task]
-async fn write_bus(shell: &'static Shell) {
-    links::write_bus(shell, Port).await;
 }

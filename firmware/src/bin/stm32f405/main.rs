@@ -25,6 +25,7 @@ mod emulator;
 mod flight;
 mod given;
 mod links;
+mod ports;
 mod safe;
 mod supply;
 

@@ -374,9 +374,12 @@ impl DroneLink {
         self.upload = Some((header, waypoints_mm));
     }
 
-    /// Changes the key of the link.
+    /// Changes the key of the link, unless a change is still under way: the drone may have the key of that one, or not.
     pub fn rekey(&mut self, key: Key) {
-        if self.end.is_sealed() {
+        let given = self.queue.iter().chain(self.under_way.iter().map(|it| &it.command));
+        let is_changing =
+            self.end.is_changing() || given.into_iter().any(|it| matches!(it, Command::Rekey(_)));
+        if self.end.is_sealed() && !is_changing {
             self.command(Command::Rekey(key));
         }
     }

@@ -194,7 +194,7 @@ pub struct ControlCenter {
     refinement: Option<Refinement>,
     events: Vec<OperatorEvent>,
     /// When keys are changed next.
-    rekey_due: TimePs,
+    rekey_due: Option<TimePs>,
     counters: ControlCounters,
 }
 
@@ -228,7 +228,7 @@ impl ControlCenter {
             targets: Vec::new(),
             refinement: None,
             events: Vec::new(),
-            rekey_due: TimePs(0),
+            rekey_due: None,
             counters: ControlCounters::default(),
         }
     }
@@ -372,18 +372,19 @@ impl ControlCenter {
     /// Changes the keys of all links every so often.
     fn change_keys(&mut self, now: TimePs) {
         let Some(period) = self.plan.rekey_period else { return };
-        if self.rekey_due == TimePs(0) || now < self.rekey_due {
-            self.rekey_due = if self.rekey_due == TimePs(0) { now.after(period) } else { self.rekey_due };
+        let due = *self.rekey_due.get_or_insert(now.after(period));
+        if now < due {
             return;
         }
-        self.rekey_due = now.after(period);
+        self.rekey_due = Some(now.after(period));
         for drone in self.drones.iter_mut().filter(|drone| drone.connected) {
             drone.rekey(self.plan.keys.fresh());
         }
     }
 
     fn ask_for_srs(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
-        for (schedule, fleet) in self.schedules.iter_mut().zip(&self.plan.fleets) {
+        let fleets = self.schedules.iter_mut().zip(&self.plan.fleets);
+        for (schedule, fleet) in fleets.filter(|(schedule, _)| schedule.is_due(now)) {
             let running = &self.running;
             let r95_m = |user| running.fix(user).map(|fix| fix.known_clocks_r95_m);
             let mut mates: Vec<&mut DroneLink> =
