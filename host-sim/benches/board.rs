@@ -92,7 +92,7 @@ fn mission(options: QemuOptions, duration_s: f64) -> Vec<BoardReport> {
     let input = MissionInput::of_rectangle(scenario).expect("a square has an area");
     let cancel = AtomicBool::new(false);
     let backend = Backend::Qemu(options);
-    let options = RunOptions { threads: 2, backend, cancel: &cancel, progress: &|_| {} };
+    let options = RunOptions::new(2, backend, &cancel, &|_| {});
     fly(&input, &options).expect("the default mission flies").boards
 }
 

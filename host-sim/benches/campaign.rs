@@ -117,12 +117,8 @@ fn swept(quick: bool) {
         );
         let loaded = LoadedScenario::from_toml(&toml, "bench", Path::new(".")).expect("the scenario is good");
         let input = MissionInput::of_rectangle(loaded.scenario).expect("a rectangle");
-        let options = RunOptions {
-            threads: 0,
-            backend: Backend::InProc,
-            cancel: &AtomicBool::new(false),
-            progress: &|_| {},
-        };
+        let cancel = AtomicBool::new(false);
+        let options = RunOptions::new(0, Backend::InProc, &cancel, &|_| {});
         let timing = black_box(fly(&input, &options)).expect("the mission flies").summary.timing;
         let drone_s = f64::from(drones) * timing.simulated_s;
         println!(

@@ -15,7 +15,7 @@ const RUNS: u32 = 5;
 fn main() {
     let input = MissionInput::of_rectangle(LoadedScenario::paper().scenario).expect("a square has an area");
     let cancel = AtomicBool::new(false);
-    let options = RunOptions { threads: 1, backend: Backend::InProc, cancel: &cancel, progress: &|_| {} };
+    let options = RunOptions::new(1, Backend::InProc, &cancel, &|_| {});
     let mut best: Option<Outcome> = None;
     for run in 1..=RUNS {
         let outcome = fly(&input, &options).expect("the default mission flies");

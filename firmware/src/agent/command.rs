@@ -24,7 +24,7 @@ impl FlightAgent {
     }
 
     fn execute(&mut self, command: &Command) -> AckStatus {
-        use FlightPhase::{GoTo, Grounded, Hold, Serve, Sweep, TakeOff};
+        use FlightPhase::{GoTo, Grounded, Hold, ReturnHome, Serve, Sweep, TakeOff};
         let phase = self.flight.phase();
         match command {
             Command::UploadBegin(header) => {
@@ -78,7 +78,8 @@ impl FlightAgent {
                 _ => AckStatus::WrongPhase,
             },
             Command::Hold => match (phase, &self.nav) {
-                (Hold | Sweep | GoTo | Serve | TakeOff, Some((_, nav))) => {
+                // Also on the way home: where the supervisor insists, it goes on at once.
+                (Hold | Sweep | GoTo | Serve | TakeOff | ReturnHome, Some((_, nav))) => {
                     self.flight.hold(nav.pos_enu_m);
                     AckStatus::Accepted
                 }

@@ -137,7 +137,7 @@ fn fly(scenario: &Scenario, cancel: &AtomicBool) -> Result<Outcome, RunError> {
         users: None,
         keys: MissionKeys::default(),
     };
-    let options = RunOptions { threads: 1, backend: Backend::InProc, cancel, progress: &|_| {} };
+    let options = RunOptions::new(1, Backend::InProc, cancel, &|_| {});
     // On a thread that is not of the pool: one of the pool that waits for the mission's own would begin further missions
     // meanwhile, one within the other.
     std::thread::scope(|scope| {

@@ -125,7 +125,7 @@ const fn of_run(failure: &RunError) -> Exit {
     match failure {
         RunError::BadInput(_) => Exit::BadInput,
         RunError::Infeasible(_) => Exit::Infeasible,
-        RunError::Link(_) => Exit::Link,
+        RunError::Link(_) | RunError::Ended(_) | RunError::Broken { .. } => Exit::Link,
         RunError::Interrupted => Exit::Interrupted,
     }
 }

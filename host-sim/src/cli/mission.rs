@@ -10,7 +10,7 @@ use crate::fleet::{Backend, qemu::QemuOptions};
 use crate::recording::Recording;
 use crate::report::summary::Summary;
 use crate::report::{html, tables};
-use crate::runner::{self, MissionKeys, Outcome, RunError, RunOptions};
+use crate::runner::{self, JournalOptions, MissionKeys, Outcome, RunError, RunOptions};
 use crate::scenario::Overrides;
 use clap::Args;
 use std::fs::File;
@@ -115,6 +115,18 @@ pub(super) struct MissionArgs {
     #[arg(long)]
     unauthenticated: bool,
 
+    /// Keep the control center's journal in this file: all that it was told, before it says anything
+    ///
+    /// A mission that is killed goes on with --resume as if its control center alone had been killed.
+    #[arg(long, value_name = "FILE")]
+    journal: Option<PathBuf>,
+
+    /// Go on where the journal of the same mission ends, five simulated seconds later
+    ///
+    /// The world is flown there again; what the control center knows comes from the journal alone.
+    #[arg(long, requires = "journal")]
+    resume: bool,
+
     /// Directory for the result files
     #[arg(long, value_name = "DIR", default_value = "skyroost-out")]
     out: PathBuf,
@@ -207,6 +219,9 @@ impl MissionArgs {
     }
 }
 
+/// For so long a mission that goes on from a journal has had no control center, simulated seconds.
+const RESUME_AFTER_S: f64 = 5.0;
+
 /// Runs the subcommand.
 pub(super) fn run(args: &MissionArgs) -> Result<Exit, Failure> {
     let backend = args.backend()?;
@@ -219,8 +234,10 @@ pub(super) fn run(args: &MissionArgs) -> Result<Exit, Failure> {
     let _logs = args.board_log.as_ref().map(|dir| OutputDir::prepare("--board-log", dir)).transpose()?;
 
     let progress = console.progress();
-    let options =
-        RunOptions { threads: args.threads(), backend, cancel, progress: &|now| progress.show(now) };
+    let show = |now| progress.show(now);
+    let journal =
+        JournalOptions { path: args.journal.clone(), resume_after_s: args.resume.then_some(RESUME_AFTER_S) };
+    let options = RunOptions { journal, ..RunOptions::new(args.threads(), backend, cancel, &show) };
     let outcome = runner::fly(&input, &options)?;
     drop(progress);
 

@@ -71,6 +71,29 @@ pub fn fence_around(points_m: &[V2], by_m: f64) -> Option<Polygon> {
     Polygon::new(&convex_hull(&corners.collect::<Vec<V2>>())).ok()
 }
 
+/// Where nobody should be sent: a lost drone may be there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeepOut {
+    /// Its middle, metres.
+    pub centre_m: V2,
+    /// Metres.
+    pub radius_m: f64,
+}
+
+impl KeepOut {
+    /// Whether a place is outside.
+    #[must_use]
+    pub fn allows(&self, p: V2) -> bool {
+        (p - self.centre_m).norm() >= self.radius_m
+    }
+
+    /// The same with so much more room around it.
+    #[must_use]
+    pub fn grown(&self, by_m: f64) -> Self {
+        Self { radius_m: self.radius_m + by_m, ..*self }
+    }
+}
+
 impl Airspace {
     /// The airspace at an altitude within a convex fence; drones keep `clearance_m` from all of its borders. None
     /// where the fence leaves no room for that.
@@ -152,14 +175,16 @@ impl Airspace {
         self.routes.way(from, to).and_then(|way| way.get(1).copied()).unwrap_or(to)
     }
 
-    /// Places that are allowed, each the nearest to the one asked for that keeps `apart_m` from those before it; none
-    /// where there is no such place.
+    /// Places that are allowed, each the nearest to the one asked for that keeps `apart_m` from those before it and is in none of the
+    /// disks to keep out of; none where there is no such place.
     #[must_use]
-    pub fn settled(&self, places_m: &[V2], apart_m: f64) -> Vec<Option<V2>> {
+    pub fn settled(&self, places_m: &[V2], apart_m: f64, keep_out: &[KeepOut]) -> Vec<Option<V2>> {
         let mut settled: Vec<Option<V2>> = Vec::with_capacity(places_m.len());
         for &asked in places_m {
             let free = |p: &V2| {
-                self.allows(*p) && settled.iter().flatten().all(|other| (other - p).norm() >= apart_m)
+                self.allows(*p)
+                    && keep_out.iter().all(|it| it.allows(*p))
+                    && settled.iter().flatten().all(|other| (other - p).norm() >= apart_m)
             };
             let around = || {
                 let turned = |ring: i32, turn: i32| {
@@ -340,7 +365,7 @@ mod tests {
         #[test]
         fn settled_places_are_allowed_and_apart(asked in prop::collection::vec(prop::array::uniform2(-200.0..1_200.0f64), 1..12)) {
             let (town, asked) = (town(), asked.into_iter().map(V2::from).collect::<Vec<_>>());
-            let found: Vec<V2> = town.settled(&asked, 15.0).into_iter().flatten().collect();
+            let found: Vec<V2> = town.settled(&asked, 15.0, &[]).into_iter().flatten().collect();
             prop_assert_eq!(found.len(), asked.len());
             for (i, a) in found.iter().enumerate() {
                 prop_assert!(town.allows(*a));

@@ -14,8 +14,9 @@
 //! So two drones keep the distance however the phases are timed (the tests hold random plans against that). Everything
 //! here is pure arithmetic on the plan; [`mission`](super::mission) flies it.
 
-use super::airspace::Airspace;
+use super::airspace::{Airspace, KeepOut};
 use crate::geometry::{V2, V3, coverage::Stadium, cross};
+use std::f64::consts::TAU;
 
 /// Ways in one layer are this much farther apart than avoidance plans with, metres: a drone is at a corner when it is
 /// within 2 m of it, and either may be.
@@ -29,6 +30,16 @@ const FLEETS_ROOM_M: f64 = 10.0;
 const FLEETS_SPACINGS: f64 = 3.0;
 /// A way around zones has fewer corners than this, or none is found.
 const MOST_CORNERS: usize = 64;
+
+/// Drones of a fleet.
+pub const FLEET_DRONES: u8 = 3;
+
+/// From the centre of a triangle of side `spacing_m` to its slot, 0 to 2.
+#[must_use]
+pub fn slot_m(orientation_rad: f64, slot: u8, spacing_m: f64) -> V2 {
+    let angle = orientation_rad + f64::from(slot) * TAU / f64::from(FLEET_DRONES);
+    V2::new(angle.cos(), angle.sin()) * (spacing_m / 3f64.sqrt())
+}
 
 /// The order in which three drones can take three slots.
 const PERMUTATIONS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
@@ -113,14 +124,23 @@ impl Assembly {
 }
 
 /// Where fleets meet: each at the centroid of its pads, or as near to it as `room` and the fleets before it allow. The
-/// airspace `room` allows what has room for a whole triangle; `plan_m` is the distance that avoidance plans with. None
-/// where the room does not suffice.
+/// airspace `room` allows what has room for a whole triangle; `plan_m` is the distance that avoidance plans with. No triangle is
+/// laid where somebody lost may be. None where the room does not suffice.
 #[must_use]
-pub fn centres_m(room: &Airspace, pads_m: &[[V2; 3]], spacing_m: f64, plan_m: f64) -> Option<Vec<V2>> {
+pub fn centres_m(
+    room: &Airspace,
+    pads_m: &[[V2; 3]],
+    spacing_m: f64,
+    plan_m: f64,
+    lost: &[KeepOut],
+) -> Option<Vec<V2>> {
+    let triangle_m = spacing_m / 3f64.sqrt();
+    let lost: Vec<KeepOut> = lost.iter().map(|it| it.grown(triangle_m)).collect();
     let asked_m: Vec<V2> = pads_m.iter().map(|pads| pads.iter().sum::<V2>() / 3.0).collect();
     let least_m = 2.0 * spacing_m / 3f64.sqrt() + plan_m + FLEETS_ROOM_M;
     let wide_m = least_m.max(FLEETS_SPACINGS * spacing_m);
-    let settled = |apart_m: f64| room.settled(&asked_m, apart_m).into_iter().collect::<Option<Vec<V2>>>();
+    let settled =
+        |apart_m: f64| room.settled(&asked_m, apart_m, &lost).into_iter().collect::<Option<Vec<V2>>>();
     settled(wide_m).or_else(|| settled(least_m))
 }
 
@@ -221,7 +241,7 @@ mod tests {
     use crate::control::area::Obstacle;
     use crate::geometry::polygon::Polygon;
     use proptest::prelude::*;
-    use std::f64::consts::{PI, TAU};
+    use std::f64::consts::PI;
 
     const PLAN_M: f64 = 17.0;
     const SPACING_M: f64 = 50.0;
@@ -264,7 +284,7 @@ mod tests {
 
     fn planned(pads_m: &[[V2; 3]], turned_rad: f64) -> (Vec<V2>, Assembly) {
         let room = town(10.0 + SPACING_M / 3f64.sqrt());
-        let centres = centres_m(&room, pads_m, SPACING_M, PLAN_M).unwrap();
+        let centres = centres_m(&room, pads_m, SPACING_M, PLAN_M, &[]).unwrap();
         let mut ends = Vec::new();
         for (f, (pads, centre)) in pads_m.iter().zip(&centres).enumerate() {
             let slots = slots_m(*centre, turned_rad);
@@ -340,10 +360,10 @@ mod tests {
     fn without_room_there_is_no_plan() {
         let crowd: Vec<[V2; 3]> = (0..9).map(|_| [V2::zeros(); 3]).collect();
         let narrow = Airspace::new(vec![], rectangle(-60.0, -60.0, 60.0, 60.0), ALTITUDE_M, 10.0).unwrap();
-        assert_eq!(centres_m(&narrow, &crowd, SPACING_M, PLAN_M), None);
+        assert_eq!(centres_m(&narrow, &crowd, SPACING_M, PLAN_M, &[]), None);
         // Four do not fit at three spacings, but at the least distance.
         let narrow = Airspace::new(vec![], rectangle(-80.0, -80.0, 80.0, 80.0), ALTITUDE_M, 10.0).unwrap();
-        let found = centres_m(&narrow, &crowd[..2], SPACING_M, PLAN_M).unwrap();
+        let found = centres_m(&narrow, &crowd[..2], SPACING_M, PLAN_M, &[]).unwrap();
         let apart_m = (found[0] - found[1]).norm();
         assert!((84.0..150.0).contains(&apart_m), "{apart_m}");
     }

@@ -46,8 +46,8 @@ impl Default for SrsConfig {
 pub struct Scheduled {
     /// Who transmits.
     pub user: UserId,
-    /// The fleet that listens.
-    pub fleet: usize,
+    /// The clocks that listen.
+    pub clock_group: u16,
     /// When.
     pub at: TimePs,
 }
@@ -80,7 +80,7 @@ struct Candidate {
 /// Schedule of one fleet.
 #[derive(Clone, Debug)]
 pub struct FleetSchedule {
-    fleet: usize,
+    clock_group: u16,
     mates: [DroneId; 3],
     config: SrsConfig,
     users: BTreeMap<UserId, Hearing>,
@@ -90,8 +90,14 @@ pub struct FleetSchedule {
 impl FleetSchedule {
     /// Nobody heard yet.
     #[must_use]
-    pub fn new(fleet: usize, mates: [DroneId; 3], config: SrsConfig) -> Self {
-        Self { fleet, mates, config, users: BTreeMap::new(), next_period: None }
+    pub fn new(clock_group: u16, mates: [DroneId; 3], config: SrsConfig) -> Self {
+        Self { clock_group, mates, config, users: BTreeMap::new(), next_period: None }
+    }
+
+    /// Who listens.
+    #[must_use]
+    pub fn mates(&self) -> [DroneId; 3] {
+        self.mates
     }
 
     /// Whether a period begins.
@@ -158,7 +164,7 @@ impl FleetSchedule {
             let mut entries = heapless::Vec::new();
             for &Candidate { user, advances, .. } in batch {
                 let serving = self.mates[nearest(&advances, scheduled.len())];
-                scheduled.push(Scheduled { user, fleet: self.fleet, at });
+                scheduled.push(Scheduled { user, clock_group: self.clock_group, at });
                 entries.push(SrsRequestEntry { user, serving }).expect("a batch fits a request");
                 self.users.entry(user).or_default().last_asked = Some(at);
                 at = at.after(spacing);

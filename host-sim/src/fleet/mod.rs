@@ -184,6 +184,12 @@ pub trait Board: Send {
     /// When the board crashed, hangs or answers nonsense.
     fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError>;
 
+    /// The board starts anew, as after a reset: its memory is gone. Not within a step.
+    ///
+    /// # Errors
+    /// When the board crashed, hangs or answers nonsense, or is one that nobody here can reset.
+    fn restart(&mut self, config: AgentConfig, key: Option<Key>) -> Result<(), BoardError>;
+
     /// How the board fared so far.
     ///
     /// # Errors
@@ -227,6 +233,11 @@ impl Board for FlightAgent {
     }
 
     fn end_step(&mut self, _outputs: &mut Outputs) -> Result<(), BoardError> {
+        Ok(())
+    }
+
+    fn restart(&mut self, config: AgentConfig, key: Option<Key>) -> Result<(), BoardError> {
+        Self::restart(self, config, key);
         Ok(())
     }
 

@@ -185,6 +185,8 @@ pub struct SerialBoard {
 enum Job {
     /// A step, due to begin at an instant.
     Step(TimePs, Box<Inputs>, Instant),
+    /// A start from nothing.
+    Restart(Box<AgentConfig>, Option<Key>),
     /// How it fared.
     Report,
 }
@@ -192,6 +194,7 @@ enum Job {
 /// What a board answers.
 enum Answer {
     Stepped(Box<Outputs>),
+    Restarted,
     Report(Box<BoardReport>),
 }
 
@@ -206,6 +209,7 @@ impl Speaker {
         for job in jobs {
             let answer = match job {
                 Job::Step(now, inputs, due) => self.step(now, &inputs, due),
+                Job::Restart(config, key) => self.bus.begin(&config, key).map(|()| Answer::Restarted),
                 Job::Report => self.report(),
             };
             let failed = answer.is_err();
@@ -272,16 +276,24 @@ impl Board for SerialBoard {
     fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError> {
         match self.answer()? {
             Answer::Stepped(found) => *outputs = *found,
-            Answer::Report(_) => unreachable!("answers come in the order of the jobs"),
+            Answer::Report(_) | Answer::Restarted => unreachable!("answers come in the order of the jobs"),
         }
         Ok(())
+    }
+
+    fn restart(&mut self, config: AgentConfig, key: Option<Key>) -> Result<(), BoardError> {
+        self.ask(Job::Restart(Box::new(config), key))?;
+        match self.answer()? {
+            Answer::Restarted => Ok(()),
+            _ => unreachable!("answers come in the order of the jobs"),
+        }
     }
 
     fn report(&mut self) -> Result<BoardReport, BoardError> {
         self.ask(Job::Report)?;
         match self.answer()? {
             Answer::Report(report) => Ok(*report),
-            Answer::Stepped(_) => unreachable!("answers come in the order of the jobs"),
+            Answer::Stepped(_) | Answer::Restarted => unreachable!("answers come in the order of the jobs"),
         }
     }
 }

@@ -83,6 +83,23 @@ impl Region {
         Self { parts: self.parts.clone(), no_fly }
     }
 
+    /// What of the area lies in none of the polygons, with the same no-fly zones; none where nothing is left but slivers.
+    #[must_use]
+    pub fn outside(&self, polygons: &[Polygon]) -> Option<Self> {
+        if polygons.is_empty() {
+            return Some(self.clone());
+        }
+        let parts = overlay(&self.contours(), &contours(polygons), OverlayRule::Difference);
+        (!parts.is_empty()).then(|| Self { parts, no_fly: self.no_fly.clone() })
+    }
+
+    /// The parts that are wanted; none where none is.
+    #[must_use]
+    pub fn keep(mut self, is_wanted: impl Fn(&Part) -> bool) -> Option<Self> {
+        self.parts.retain(is_wanted);
+        (!self.parts.is_empty()).then_some(self)
+    }
+
     /// The borders of all parts.
     fn contours(&self) -> Vec<Contour> {
         self.parts.iter().flat_map(Part::borders_m).map(|ring| contour(&ring)).collect()

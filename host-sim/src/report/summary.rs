@@ -36,6 +36,9 @@ pub struct Summary {
     pub lost: Vec<LostDrone>,
     /// What crossed the radio between drones and control center.
     pub link: LinkSummary,
+    /// What became of the frames of a simulated attacker; none without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attack: Option<AttackSummary>,
     /// The boards that the flight code ran on, by drone; empty where it ran in this process.
     pub boards: Vec<BoardSummary>,
     /// How long it took.
@@ -46,6 +49,19 @@ pub struct Summary {
     pub limits: Vec<LimitOutcome>,
     /// What the reader should know besides.
     pub warnings: Vec<String>,
+}
+
+/// Frames that a simulated attacker put in, and frames that were refused, those that chance damaged or repeated among them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct AttackSummary {
+    /// Put in on the way to drones.
+    pub injected_down: u64,
+    /// Put in on the way to the control center.
+    pub injected_up: u64,
+    /// Refused by drones.
+    pub refused_down: u64,
+    /// Refused by the control center.
+    pub refused_up: u64,
 }
 
 /// The sweep as flown.
@@ -62,6 +78,24 @@ pub struct SweepSummary {
     /// Time that the scenario gives the sweep, seconds: the paper's mission time (Table 3). `duration_s` is
     /// held against it; climb and transit are in neither.
     pub mission_time_s: f64,
+    /// Every time that the rest of it was planned anew, as drones fell out or came back.
+    pub replans: Vec<ReplanSummary>,
+}
+
+/// A sweep planned anew under way.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ReplanSummary {
+    /// When all were told to stop, simulated seconds.
+    pub at_s: f64,
+    /// Numbers of the drones by whom their fleets were broken; empty where drones that came back made up another.
+    pub broken_by: Vec<u16>,
+    /// Fleets that flew on; 0 where too few drones were left for one.
+    pub fleets: u32,
+    /// Area that was left, square metres.
+    pub left_m2: f64,
+    /// By how much later the sweep is to end than planned before, seconds: what stopping, assembling and fewer fleets cost. None
+    /// where it does not go on, or had not begun.
+    pub delay_s: Option<f64>,
 }
 
 /// What became of arrival times, by the drones' own word, all together.

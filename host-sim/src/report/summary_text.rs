@@ -4,7 +4,7 @@
 use super::limits::Bound;
 use super::summary::{
     BoardSummary, LinkSummary, LocalizationSummary, LostDrone, PlacementSummary, PunctualitySummary,
-    SafetySummary, SrsSummary, Summary, SweepSummary, Timing,
+    ReplanSummary, SafetySummary, SrsSummary, Summary, SweepSummary, Timing,
 };
 use std::fmt;
 
@@ -35,7 +35,24 @@ fn sweep(f: &mut fmt::Formatter<'_>, sweep: &SweepSummary) -> fmt::Result {
     row(f, "duration", minutes(sweep.duration_s))?;
     row(f, "mission time", minutes(sweep.mission_time_s))?;
     let lengths: Vec<String> = sweep.length_m.iter().map(|length_m| format!("{length_m:.0} m")).collect();
-    row(f, "lanes", format!("{}, split by {}", lengths.join(" + "), sweep.split))
+    row(f, "lanes", format!("{}, split by {}", lengths.join(" + "), sweep.split))?;
+    sweep.replans.iter().try_for_each(|it| row(f, "planned anew", replan(it)))
+}
+
+fn replan(replan: &ReplanSummary) -> String {
+    let ReplanSummary { at_s, broken_by, fleets, left_m2, delay_s } = replan;
+    let numbers: Vec<String> = broken_by.iter().map(ToString::to_string).collect();
+    let why = match numbers.as_slice() {
+        [] => "for drones that came back or lanes that were cut off".to_owned(),
+        [one] => format!("without drone {one}"),
+        several => format!("without drones {}", several.join(", ")),
+    };
+    let left = format!("{:.2} km2 left", left_m2 * 1e-6);
+    match (fleets, delay_s) {
+        (0, _) => format!("at {at_s:.0} s {why}: {left} and nobody to fly it"),
+        (_, Some(delay_s)) => format!("at {at_s:.0} s {why}: {left} for {fleets} fleets, {delay_s:+.0} s"),
+        (_, None) => format!("at {at_s:.0} s {why}: {left} for {fleets} fleets"),
+    }
 }
 
 fn srs(f: &mut fmt::Formatter<'_>, srs: &SrsSummary) -> fmt::Result {
@@ -216,7 +233,7 @@ fn plain(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use crate::report::limits::judge;
-    use crate::report::summary::{LostDrone, PlacedDrone, SrsSummary, Summary, Timing};
+    use crate::report::summary::{LostDrone, PlacedDrone, ReplanSummary, SrsSummary, Summary, Timing};
     use crate::scenario::LoadedScenario;
 
     /// A mission of the paper's scenario with one limit missed.
@@ -237,6 +254,13 @@ mod tests {
         summary.sweep.duration_s = 5820.0;
         summary.sweep.mission_time_s = 5950.0;
         summary.sweep.length_m = vec![58_182.0, 58_182.0];
+        summary.sweep.replans = vec![ReplanSummary {
+            at_s: 916.6,
+            broken_by: vec![2],
+            fleets: 1,
+            left_m2: 81.5e6,
+            delay_s: Some(4_711.4),
+        }];
         summary.lost = vec![LostDrone { drone: 2, at_s: 901.64 }];
         summary.srs = SrsSummary { hits: 143_210, misses: 1_234, gated: 3_456, ..SrsSummary::default() };
         let found = &mut summary.localization;

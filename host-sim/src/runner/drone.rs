@@ -1,6 +1,9 @@
 //! One simulated drone: its board with the flight code, its body in the air, and its links.
 
-use super::digest::Digest;
+use super::{
+    digest::Digest,
+    faults::{DOWN, DroneFaults, Now, UP},
+};
 use crate::{
     fleet::{Board, BoardError},
     geometry::V3,
@@ -17,10 +20,13 @@ use crate::{
 };
 use skyroost_firmware::{
     STEP_S, STEP_US, Vec3,
+    config::AgentConfig,
+    counters::Counters,
     io::{Capture, Inputs, NavFix, Outputs, Pulse, Setpoint, SrsGate},
 };
 use skyroost_protocol::{
     codec::{Frame, MAX_FRAME},
+    key::Key,
     message::{AttachedUser, MAX_ATTACHED_PER_FRAME},
     units::{DroneId, TimePs, ToaSigma, UserId},
 };
@@ -71,6 +77,13 @@ pub(super) struct Drone {
     lost_from: Option<u64>,
     /// Whether it is.
     lost: bool,
+    faults: DroneFaults,
+    /// What goes wrong in this step.
+    wrong: Now,
+    /// What its board is started with, and the key of its link.
+    born: (AgentConfig, Option<Key>),
+    /// What its board counted before it was started anew, as far as it was refused: by the sum of all kinds.
+    refused_before: u64,
 }
 
 /// Parts of a drone.
@@ -90,6 +103,8 @@ pub(super) struct Parts {
     pub(super) radius_m: f64,
     /// When its board goes dead, if ever; simulated seconds.
     pub(super) lost_at_s: Option<f64>,
+    pub(super) faults: DroneFaults,
+    pub(super) born: (AgentConfig, Option<Key>),
 }
 
 impl Drone {
@@ -116,7 +131,36 @@ impl Drone {
             captures_dropped: 0,
             lost_from: parts.lost_at_s.map(|at_s| (at_s / f64::from(STEP_S)).ceil() as u64),
             lost: false,
+            faults: parts.faults,
+            wrong: Now::default(),
+            born: parts.born,
+            refused_before: 0,
         }
+    }
+
+    /// Whether nobody claims that it keeps its distance: it is dead, or does not know where it is.
+    pub(super) fn is_excused(&self) -> bool {
+        self.lost || self.wrong.excused
+    }
+
+    /// Frames that an attacker put in on the way to the drone and from it, and those that boards before the present one refused.
+    pub(super) fn attacked(&self) -> ([u64; 2], u64) {
+        (self.faults.attacker.injected, self.refused_before)
+    }
+
+    /// Whether an attacker is near.
+    pub(super) fn is_attacked(&self) -> bool {
+        self.wrong.attack
+    }
+
+    /// The attacker hears what the drone said.
+    pub(super) fn overheard(&mut self, frame: &[u8]) {
+        self.faults.attacker.hears(UP, frame);
+    }
+
+    /// What the attacker says in the drone's name in so many seconds.
+    pub(super) fn forged(&mut self, seconds: f64) -> Option<Frame> {
+        self.faults.attacker.frame(UP, seconds)
     }
 
     /// Whether its board is dead.
@@ -133,8 +177,16 @@ impl Drone {
             self.gates.clear();
         }
         inputs.clear();
+        self.wrong = self.faults.at(step);
         if self.lost {
             return;
+        }
+        if self.wrong.jump_ps != 0.0 {
+            self.clock.jump(self.wrong.jump_ps);
+        }
+        if self.wrong.booting {
+            self.gates.clear();
+            self.captured.clear();
         }
         let fix = self.gnss.step(self.vehicle.pos_enu_m(), self.vehicle.vel_enu_mps());
         inputs.nav = Some(NavFix {
@@ -147,8 +199,14 @@ impl Drone {
             ticks: self.clock.ticks(pulse.true_ps, self.tick_hz) as u32,
             second: pulse.second as i32,
         });
+        if let Some(nav) = inputs.nav.as_mut().filter(|_| self.wrong.navigation_nan) {
+            nav.pos_enu_m = Vec3::repeat(f32::NAN);
+        }
         inputs.timer_ticks = self.clock.ticks(now_ps, self.tick_hz) as u32;
         inputs.battery_permille = self.battery.charge_permille();
+        if self.wrong.captures_stuck {
+            self.captured.clear();
+        }
         for capture in self.captured.drain(..) {
             if inputs.captures.push(capture).is_err() {
                 self.captures_dropped += 1;
@@ -167,6 +225,14 @@ impl Drone {
     /// Frames of the control center that are due.
     pub(super) fn receive(&mut self, now_us: u64, inputs: &mut Inputs) {
         take_frames(&mut self.downlink, now_us, inputs);
+        if self.wrong.attack && !self.wrong.booting && !self.lost {
+            inputs.frames.iter().for_each(|frame| self.faults.attacker.hears(DOWN, frame));
+            if !inputs.frames.is_full()
+                && let Some(frame) = self.faults.attacker.frame(DOWN, f64::from(STEP_S))
+            {
+                inputs.frames.push(frame).expect("there was room");
+            }
+        }
     }
 
     fn hear_users(&mut self, users: &PointGrid, user_pos_m: &[V3]) {
@@ -178,18 +244,30 @@ impl Drone {
         }));
     }
 
+    /// Whether its board does nothing.
+    fn is_down(&self) -> bool {
+        self.lost || self.wrong.booting
+    }
+
     /// The board begins its step.
     pub(super) fn begin_step(&mut self, step: u64, desk: &mut Desk) -> Result<(), BoardError> {
         desk.outputs.clear();
-        if self.lost {
+        if self.is_down() {
             return Ok(());
+        }
+        if self.wrong.boots {
+            let counters = self.board.report()?.counters;
+            self.refused_before += refused(&counters);
+            let (config, key) = &mut self.born;
+            config.boot_epoch += 1;
+            self.board.restart(*config, key.clone())?;
         }
         self.board.begin_step(TimePs::from_us(step as i64 * STEP_US), &desk.inputs, &mut desk.outputs)
     }
 
     /// The board ends its step.
     pub(super) fn end_step(&mut self, outputs: &mut Outputs) -> Result<(), BoardError> {
-        if self.lost {
+        if self.is_down() {
             return Ok(());
         }
         self.board.end_step(outputs)
@@ -197,7 +275,7 @@ impl Drone {
 
     /// The board's outputs go where they belong, but for frames to fleet mates.
     pub(super) fn send(&mut self, now_us: u64, outputs: &Outputs) {
-        if self.lost {
+        if self.is_down() {
             return;
         }
         self.digest.add(outputs);
@@ -213,6 +291,9 @@ impl Drone {
 
     /// One step of the body.
     pub(super) fn fly(&mut self, setpoint: &Setpoint) {
+        // While nobody commands it, the autopilot holds what flies.
+        let held = Setpoint { motors: self.vehicle.motion() == Motion::Flying, ..Setpoint::REST };
+        let setpoint = if self.wrong.booting { &held } else { setpoint };
         let (command, load) = if setpoint.motors && !self.lost && !self.battery.is_empty() {
             let command = Command::Velocity {
                 vel_enu_mps: V3::from(setpoint.vel_enu_mps.map(f64::from)),
@@ -238,6 +319,18 @@ impl Drone {
         let sigma = self.toa_sigma;
         self.captured.push(Capture { occasion: gate.occasion, ticks, symbol, sigma });
     }
+}
+
+/// Frames that the flight code did not act upon.
+pub(super) fn refused(counters: &Counters) -> u64 {
+    let kinds = [
+        counters.frames_forged,
+        counters.frames_rejected,
+        counters.frames_repeated,
+        counters.frames_unexpected,
+        counters.frames_unbound,
+    ];
+    kinds.into_iter().map(u64::from).sum()
 }
 
 /// Takes the frames that are due off a link, as many as the step has room for; the others wait.

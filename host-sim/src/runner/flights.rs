@@ -46,7 +46,7 @@ impl Bases {
         let (threes, _) = pads_m.as_chunks::<3>();
         let room = space::room(input, obstacles, &pads_m)?;
         let plan_m = table.passing_m();
-        let centres_m = assemble::centres_m(&room, threes, table.spacing_m, plan_m).ok_or_else(|| {
+        let centres_m = assemble::centres_m(&room, threes, table.spacing_m, plan_m, &[]).ok_or_else(|| {
             RunError::Infeasible(format!(
                 "the airspace has no room for the triangles of {} fleets beside each other; a wider fence or \
                  fewer drones would do",
@@ -86,7 +86,7 @@ impl Flights {
                 let transit = waypoints_m.len();
                 waypoints_m.extend(own().flat_map(|s| &s.path_m));
                 let mates = [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16));
-                PlannedFleet { mates, waypoints_m, transit }
+                PlannedFleet { mates, waypoints_m, clock_group: f as u16, transit }
             })
             .collect();
         let slots_m = |f: usize, fleet: &PlannedFleet| {

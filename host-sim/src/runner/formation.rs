@@ -1,14 +1,12 @@
 //! How fleets stand, fly and turn: what a mission flies and what a sweep plan for other autopilots promises.
 
+pub use crate::control::assemble::{FLEET_DRONES, slot_m};
 use crate::{
     control::sweep::CornerModel,
     geometry::{V2, region::Region},
 };
 use skyroost_firmware::guidance::lanes::{ALONG_ACCEL_MPS2, CORNER_DEVIATION_M, LATERAL_ACCEL_MPS2};
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2, TAU};
-
-/// Drones of a fleet.
-pub const FLEET_DRONES: u8 = 3;
 
 /// How the flight code takes the corners of a zigzag (`guidance::lanes`) at a cruise speed in metres a second.
 #[must_use]
@@ -27,13 +25,6 @@ pub fn corners(speed_mps: f64) -> CornerModel {
 pub fn fixed_orientation_rad(sweep_direction_rad: f64) -> f64 {
     let angle = sweep_direction_rad + FRAC_PI_2;
     if angle > PI { angle - TAU } else { angle }
-}
-
-/// From the centre of a triangle of side `spacing_m` to its slot, 0 to 2.
-#[must_use]
-pub fn slot_m(orientation_rad: f64, slot: u8, spacing_m: f64) -> V2 {
-    let angle = orientation_rad + f64::from(slot) * TAU / f64::from(FLEET_DRONES);
-    V2::new(angle.cos(), angle.sin()) * (spacing_m / 3f64.sqrt())
 }
 
 /// Where the drones stand: each fleet in its triangle, so that it takes off as it will fly, the fleets

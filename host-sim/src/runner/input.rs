@@ -3,13 +3,14 @@
 use crate::{
     control::{
         area::{AreaError, Obstacle},
+        journal::JournalError,
         keys::LinkKeys,
-        mission::MissionError,
+        mission::{ControlCenter, MissionError},
         sweep::SweepError,
     },
     fleet::{Backend, BackendError, BoardError, BoardReport, ImageError},
     geometry::{
-        V2,
+        V2, V3,
         polygon::{Polygon, PolygonError},
         region::Region,
     },
@@ -21,7 +22,7 @@ use crate::{
     scenario::{Scenario, ScenarioError},
     world::users::{User, UsersError},
 };
-use std::{sync::atomic::AtomicBool, time::Duration};
+use std::{path::PathBuf, sync::atomic::AtomicBool, time::Duration};
 use thiserror::Error;
 
 /// Everything a mission needs, read and checked before anything flies.
@@ -98,6 +99,16 @@ impl MissionArea {
     }
 }
 
+/// Where the control center keeps its journal.
+#[derive(Clone, Debug, Default)]
+pub struct JournalOptions {
+    /// Its file; none to keep none.
+    pub path: Option<PathBuf>,
+    /// The file is that of a control center that was killed: the mission goes on where it ends, after so many seconds without a control
+    /// center.
+    pub resume_after_s: Option<f64>,
+}
+
 /// How to fly, apart from what.
 pub struct RunOptions<'a> {
     /// Threads to use; the results do not depend on them.
@@ -109,6 +120,46 @@ pub struct RunOptions<'a> {
     pub cancel: &'a AtomicBool,
     /// Told how far the mission is, about once a simulated second.
     pub progress: &'a (dyn Fn(Progress) + Sync),
+    /// What the control center writes down, and whether it goes on from there.
+    pub journal: JournalOptions,
+    /// Asked once a simulated second whether all is as it should be, where somebody wants to know.
+    pub witness: Option<&'a Witness<'a>>,
+}
+
+impl<'a> RunOptions<'a> {
+    /// Without a journal or a witness.
+    #[must_use]
+    pub fn new(
+        threads: usize,
+        backend: Backend,
+        cancel: &'a AtomicBool,
+        progress: &'a (dyn Fn(Progress) + Sync),
+    ) -> Self {
+        Self { threads, backend, cancel, progress, journal: JournalOptions::default(), witness: None }
+    }
+}
+
+/// Says what is not as it should be.
+pub type Witness<'a> = dyn Fn(&Sight<'_>) -> Result<(), String> + Sync + 'a;
+
+/// What a [`Witness`] sees.
+pub struct Sight<'a> {
+    /// Simulated time, seconds.
+    pub t_s: f64,
+    /// What the control center knows.
+    pub control: &'a ControlCenter,
+    /// Whether it is running.
+    pub control_is_alive: bool,
+    /// Times so far that a pair came nearer than `d_safe`, of drones whose separation is claimed.
+    pub violations: u32,
+    /// Least distance of such pairs so far, metres.
+    pub least_separation_m: Option<f64>,
+    /// Least distance within the fence so far, of the same drones, metres.
+    pub within_fence_m: Option<f64>,
+    /// True places of all drones, by id, metres.
+    pub positions_m: &'a [V3],
+    /// Drones whose boards are dead, by id.
+    pub dead: &'a [bool],
 }
 
 /// How far a mission is.
@@ -156,6 +207,17 @@ pub enum RunError {
     /// A board or the link to it failed.
     #[error("link: {0}")]
     Link(String),
+    /// A witness saw what must not be.
+    #[error("at {at_s:.2} s: {invariant}")]
+    Broken {
+        /// What.
+        invariant: String,
+        /// Simulated seconds.
+        at_s: f64,
+    },
+    /// The mission came to an end of its own.
+    #[error("link: {0}")]
+    Ended(MissionError),
     /// The user interrupted the run.
     #[error("interrupted")]
     Interrupted,
@@ -186,7 +248,7 @@ impl From<MissionError> for RunError {
     fn from(error: MissionError) -> Self {
         match error {
             MissionError::Goals(conflict) => Self::Infeasible(conflict.to_string()),
-            other => Self::Link(other.to_string()),
+            other => Self::Ended(other),
         }
     }
 }
@@ -200,6 +262,9 @@ pub enum InputError {
     /// In the number of serial ports.
     #[error(transparent)]
     Ports(BackendError),
+    /// In the control center's journal.
+    #[error(transparent)]
+    Journal(JournalError),
     /// In the scenario.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),

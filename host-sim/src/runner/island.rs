@@ -14,14 +14,17 @@ use crate::{
     world::{channel::Channel, grid::PointGrid, link::Link},
 };
 use skyroost_firmware::{
-    STEP_US,
+    STEP_S, STEP_US,
     io::{Inputs, Outputs, SrsGate},
 };
 use skyroost_protocol::{
     codec::MAX_FRAME,
     units::{DroneId, OccasionId, TimePs},
 };
-use std::time::{Duration, Instant};
+use std::{
+    collections::BTreeMap,
+    time::{Duration, Instant},
+};
 
 /// What all islands share and none changes.
 pub(super) struct Surroundings {
@@ -57,6 +60,14 @@ pub(super) struct IslandTimes {
     pub(super) agents: Duration,
 }
 
+impl IslandTimes {
+    fn add(&mut self, other: Self) {
+        self.world += other.world;
+        self.links += other.links;
+        self.agents += other.agents;
+    }
+}
+
 /// Reads the clock only where that is wanted: a reading costs as much as a tenth of a step.
 struct Stopwatch<const TIMED: bool> {
     last: Option<Instant>,
@@ -89,6 +100,50 @@ impl Island {
             positions_m: Vec::new(),
             times: IslandTimes::default(),
         }
+    }
+
+    /// Takes islands apart and puts their drones together anew, by `members` (drones by id); every drone is in one of them. Pairs that
+    /// stay together keep their links and others get `link` of their ids; what drones were told and have not heard yet goes
+    /// with them. Between windows nothing else is under way but transmissions that were granted, which all hear that listen for them.
+    pub(super) fn regrouped(
+        islands: Vec<Self>,
+        members: &[Vec<DroneId>],
+        mut link: impl FnMut(DroneId, DroneId) -> Link<MAX_FRAME>,
+    ) -> Vec<Self> {
+        let (mut drones, mut links) = (BTreeMap::new(), BTreeMap::new());
+        let (mut told, mut granted, mut late) = (Vec::new(), Vec::new(), Vec::new());
+        let mut times = IslandTimes::default();
+        for island in islands {
+            let ids: Vec<DroneId> = island.drones.iter().map(|drone| drone.id).collect();
+            let pairs = ids.iter().flat_map(|from| ids.iter().map(move |to| (*from, *to)));
+            links.extend(pairs.zip(island.links));
+            let mail = island.told.frames();
+            told.extend(mail.map(|(at_us, to, frame)| (at_us, ids[usize::from(to)], frame.to_vec())));
+            granted.extend(island.grants.iter().map(|gate| (ids.clone(), *gate)));
+            late.extend(island.late);
+            times.add(island.times);
+            drones.extend(ids.into_iter().zip(island.drones));
+        }
+        let mut regrouped = Vec::with_capacity(members.len());
+        for ids in members {
+            let own = ids.iter().map(|id| drones.remove(id).expect("a drone is in one island")).collect();
+            let pairs = ids.iter().flat_map(|from| ids.iter().map(move |to| (*from, *to)));
+            let own_links = pairs.map(|pair| links.remove(&pair).unwrap_or_else(|| link(pair.0, pair.1)));
+            let mut island = Self::new(own, own_links.collect());
+            for (at_us, to, frame) in &told {
+                if let Some(member) = ids.iter().position(|id| id == to) {
+                    island.told.push(*at_us, member as u16, frame);
+                }
+            }
+            let hears = |before: &Vec<DroneId>| before.iter().any(|id| ids.contains(id));
+            island.grants.extend(granted.iter().filter(|(before, _)| hears(before)).map(|(_, gate)| *gate));
+            regrouped.push(island);
+        }
+        assert!(drones.is_empty(), "every drone is in an island");
+        if let Some(first) = regrouped.first_mut() {
+            (first.late, first.times) = (late, times);
+        }
+        regrouped
     }
 
     /// Steps `first..first + count`, on these desks or as many as it takes, and takes off the links what is due in as many after; with `TIMED` says where the
@@ -152,8 +207,15 @@ impl Island {
         for word in (first..first + count).step_by(CONTROL_STEPS as usize) {
             let now_us = word * STEP_US as u64;
             for drone in &mut self.drones {
+                let from = self.heard.len();
                 while let Some(bytes) = drone.uplink.poll(now_us) {
                     self.heard.push(now_us, drone.id.0, bytes);
+                }
+                if drone.is_attacked() {
+                    self.heard.frames().skip(from).for_each(|(.., frame)| drone.overheard(frame));
+                    if let Some(forged) = drone.forged(CONTROL_STEPS as f64 * f64::from(STEP_S)) {
+                        self.heard.push(now_us, drone.id.0, &forged);
+                    }
                 }
             }
         }

@@ -5,6 +5,7 @@ use crate::{
     control::{
         airspace::is_in_the_way,
         localize::{FixStatus, LocalizeConfig, Occasion, UserFix, crlb, crlb_ratio},
+        mission::{Replan, plan::PlannedFleet},
         place::{Fleet, Objective, PlaceUser, Placement, place, place_joint},
         sweep::SplitMode,
     },
@@ -19,14 +20,14 @@ use crate::{
         figures::{quantile, status_name},
         summary::{
             BoardSummary, LinkSummary, LocalizationSummary, LostDrone, PlacedDrone, PlacementSummary,
-            PunctualitySummary, SafetySummary, SrsSummary, Summary, SweepSummary,
+            PunctualitySummary, ReplanSummary, SafetySummary, SrsSummary, Summary, SweepSummary,
         },
     },
 };
 use skyroost_firmware::{counters::Counters, supervisor::Condition};
 use skyroost_protocol::{
     message::{EventCode, TdoaCounts},
-    units::{OccasionId, UserId},
+    units::{OccasionId, TimePs, UserId},
 };
 use std::collections::BTreeMap;
 
@@ -82,6 +83,7 @@ pub(super) fn outcome(
             forged: refusals.forged + forged_on_board,
             authenticated: setup.plan.keys.is_sealed(),
         },
+        attack: flight.attack(),
         lost: flight
             .control
             .lost()
@@ -101,7 +103,7 @@ pub(super) fn outcome(
         no_fly_m: in_the_way(setup, scenario),
         fence_m: points(setup.plan.airspace.fence().vertices_m()),
         origin_lon_lat_deg: input.area.origin_lon_lat_deg,
-        sub_areas: sub_areas(setup),
+        sub_areas: sub_areas(setup, &flight),
         uncovered_m,
         placements: sites.iter().map(|s| s.record).collect(),
         users: users.records(setup, &flight, &sites),
@@ -194,17 +196,43 @@ fn sweep(
 ) -> (SweepSummary, Vec<Vec<[f64; 2]>>) {
     let stadiums: Vec<_> = flight.fleets.iter().flat_map(FleetWatch::stadiums).collect();
     let coverage = covered_region(&setup.region, &stadiums);
-    let durations = flight.fleets.iter().map(FleetWatch::duration_s);
-    // A fleet that did not come to the end of its lanes has swept until now.
-    let duration_s = durations.map(|d| d.unwrap_or(flight.now_s())).fold(0.0, f64::max);
+    let duration_s = duration_s(flight);
     let summary = SweepSummary {
         split: if setup.sweep.split == SplitMode::Length { "length" } else { "area" }.to_owned(),
         coverage_fraction: coverage.covered_fraction,
         duration_s,
         length_m: setup.sweep.sub_areas.iter().map(|s| s.length_m).collect(),
         mission_time_s: scenario.mission.time_s,
+        replans: flight.control.replans().iter().map(replan).collect(),
     };
     (summary, coverage.residue.iter().map(|ring| points(ring)).collect())
+}
+
+/// A plan that was made anew, for the summary.
+fn replan(replan: &Replan) -> ReplanSummary {
+    let s = |at: TimePs| at.0 as f64 * 1e-12;
+    ReplanSummary {
+        at_s: s(replan.at),
+        broken_by: replan.broken_by.iter().map(|id| id.0).collect(),
+        fleets: replan.fleets as u32,
+        left_m2: replan.left_m2,
+        delay_s: (replan.end_before.zip(replan.end_after)).map(|(before, after)| s(after) - s(before)),
+    }
+}
+
+/// Of one plan the longest time that a fleet took for its lanes; of several the time from the first lane to the last, what lay between
+/// them included. A fleet that did not come to the end of the last plan's lanes has swept until now.
+fn duration_s(flight: &Flight) -> f64 {
+    let (before, last) = flight.fleets.split_at(flight.flying);
+    let first_s = before.iter().filter_map(|fleet| fleet.began_and_ended_s().0).fold(f64::INFINITY, f64::min);
+    let took_s = |fleet: &FleetWatch| match fleet.began_and_ended_s() {
+        (Some(began_s), Some(ended_s)) => ended_s - began_s.min(first_s),
+        _ => flight.now_s(),
+    };
+    if last.is_empty() && first_s.is_finite() {
+        return flight.now_s() - first_s; // nobody was left to fly the rest
+    }
+    last.iter().map(took_s).fold(0.0, f64::max)
 }
 
 /// What drones fly around.
@@ -219,13 +247,21 @@ fn points(ring_m: &[V2]) -> Vec<[f64; 2]> {
     ring_m.iter().map(|p| [p.x, p.y]).collect()
 }
 
-fn sub_areas(setup: &Setup) -> Vec<SubAreaRecord> {
+/// The parts as planned at first, and the lanes of the last plan where there was another.
+fn sub_areas(setup: &Setup, flight: &Flight) -> Vec<SubAreaRecord> {
     let record = |sub: &crate::control::sweep::SubArea| SubAreaRecord {
         fleet: sub.fleet as u16,
         polygon_m: sub.region.as_ref().and_then(Region::as_polygon).map(|p| points(p.vertices_m())),
         path_m: points(&sub.path_m),
     };
-    setup.sweep.sub_areas.iter().map(record).collect()
+    let again = |(fleet, planned): (usize, &PlannedFleet)| SubAreaRecord {
+        fleet: fleet as u16,
+        polygon_m: None,
+        path_m: points(&planned.waypoints_m),
+    };
+    let plan = flight.control.plan();
+    let regrouped = plan.fleets.iter().enumerate().filter(|_| flight.control.revision() > 0).map(again);
+    setup.sweep.sub_areas.iter().map(record).chain(regrouped).collect()
 }
 
 fn warnings(input: &MissionInput, flight: &Flight, sweep: &SweepSummary) -> Vec<String> {
@@ -344,9 +380,10 @@ impl<'a> Users<'a> {
         sites: &[DroneSite],
     ) -> Result<PlacementSummary, RunError> {
         let radius_m = setup.plan.radius_m;
-        let fleet =
-            Fleet { drones: setup.plan.drones.len(), min_separation_m: setup.plan.min_goal_distance_m };
         let planned = flight.control.placement().is_some();
+        // Who is lost serves nobody, and no optimum counts on it.
+        let drones = if planned { flight.control.targets().len() } else { setup.plan.drones.len() };
+        let fleet = Fleet { drones, min_separation_m: setup.plan.min_goal_distance_m };
         let solved = |users: Vec<PlaceUser>| -> Result<Placement, RunError> {
             // A mission that ended before is not measured against the optimum, which takes its time.
             let found = if users.len() > MOST_JUDGED_TOGETHER || !planned {

@@ -78,6 +78,10 @@ impl Mail {
             .map(|(&(at_us, whose, end), start)| (at_us, whose, &self.bytes[start..end]))
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
     pub(super) fn clear(&mut self) {
         self.bytes.clear();
         self.ends.clear();

@@ -10,6 +10,7 @@ mod clear;
 mod crew;
 mod digest;
 mod drone;
+mod faults;
 mod flights;
 pub mod formation;
 mod input;
@@ -19,18 +20,22 @@ mod links;
 mod search;
 mod setup;
 mod space;
+mod survival;
 mod watch;
 
 pub use input::{
-    InputError, MissionArea, MissionInput, MissionKeys, Outcome, Progress, RunError, RunOptions,
+    InputError, JournalOptions, MissionArea, MissionInput, MissionKeys, Outcome, Progress, RunError,
+    RunOptions, Sight, Witness,
 };
 pub use search::random_search;
 
 use crate::{
-    control::mission::{ControlCenter, Happening, MissionError, OperatorEvent, Stage, plan::PlannedFleet},
+    control::mission::{ControlCenter, Happening, MissionError, OperatorEvent, Stage, drone::Refusals},
     fleet::{BoardError, BoardReport, Hangar},
     geometry::V3,
     recording::{DroneRecord, EventRecord, PhaseRecord, TrackSample},
+    report::summary::AttackSummary,
+    scenario::FaultKind,
     world::link::LinkCounters,
 };
 use clear::Clearance;
@@ -40,12 +45,13 @@ use island::{Island, IslandTimes};
 use links::Outbox;
 use setup::Setup;
 use skyroost_firmware::{STEP_US, counters::Counters, supervisor::Condition};
-use skyroost_protocol::units::DroneId;
+use skyroost_protocol::units::{DroneId, TimePs};
 use std::{
     collections::BTreeSet,
     sync::atomic::Ordering,
     time::{Duration, Instant},
 };
+use survival::{Kill, Survival};
 use watch::{FleetWatch, Separation};
 
 /// Steps between two words of the control center: 40 ms.
@@ -76,7 +82,7 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
         // Islands that wait for boards of their own wait side by side.
         let remote = if options.backend.is_remote() { setup.islands() } else { 1 };
         let mut flight = Flight::new(input, &setup, &hangar, rayon::current_num_threads().max(remote))?;
-        flight.run(input, options)?;
+        flight.run(input, &setup, options)?;
         flight.reports = flight.board_reports()?;
         let (simulated_s, shares, boards) = (flight.now_s(), flight.shares(), flight.reports.clone());
         let mut outcome = judge::outcome(input, &setup, options.backend.name(), flight)?;
@@ -96,7 +102,14 @@ struct Flight {
     crew: Crew,
     separation: Separation,
     clearance: Clearance,
+    /// Drones whose distances nobody claims in this window, by id.
+    excused: Vec<bool>,
+    /// The fleets of all plans so far; those of the last one from `flying` on.
     fleets: Vec<FleetWatch>,
+    flying: usize,
+    control_is_alive: bool,
+    /// Which plan the islands are made for.
+    revision: u16,
     tracks: Vec<DroneRecord>,
     phases: Vec<PhaseRecord>,
     /// Positions of all drones by id, at the end of each step of the window.
@@ -152,8 +165,12 @@ impl Flight {
             crew: Crew::new(threads, islands.len(), setup::surroundings(scenario, &setup.users)),
             islands,
             separation: Separation::new(&pads_m, scenario.fleet.d_safe_m, 1.2 * scenario.fleet.speed_mps),
+            excused: vec![false; pads_m.len()],
             clearance: Clearance::new(pads_m.len(), 1.2 * scenario.fleet.speed_mps),
             fleets: setup::fleet_watches(&setup.plan),
+            flying: 0,
+            control_is_alive: true,
+            revision: 0,
             tracks: tracks.collect(),
             phases: Vec::new(),
             window_m: vec![pads_m.clone(); window_steps as usize],
@@ -170,7 +187,10 @@ impl Flight {
     }
 
     /// Flies until every drone serves, or to the scenario's cut-off.
-    fn run(&mut self, input: &MissionInput, options: &RunOptions<'_>) -> Result<(), RunError> {
+    fn run(&mut self, input: &MissionInput, setup: &Setup, options: &RunOptions<'_>) -> Result<(), RunError> {
+        let killed = input.scenario.faults.iter().filter(|fault| fault.kind == FaultKind::ControlKilled);
+        let kills = killed.map(|fault| Kill { at_s: fault.at_s, for_s: fault.for_s }).collect();
+        let mut survival = Survival::new(&options.journal, kills, &setup.plan)?;
         let cut_off_s = input.scenario.mission.duration_s.unwrap_or(f64::INFINITY);
         let expected_s = self.expected_s();
         let mut serving_since_s = None;
@@ -181,10 +201,18 @@ impl Flight {
             let clock = timed.then(Instant::now);
             for at in (self.step..self.step + self.window_steps).step_by(CONTROL_STEPS as usize) {
                 let stage = self.control.stage();
-                self.run_control(at)?;
+                let now = TimePs::from_us(at as i64 * STEP_US);
+                self.control_is_alive = survival.is_alive(now, &mut self.control, &setup.plan)?;
+                if !self.control_is_alive {
+                    continue; // what drones say meanwhile nobody hears
+                }
+                self.run_control(at, &mut survival)?;
                 if self.control.stage() != stage {
                     self.note_phase(at);
                 }
+            }
+            if self.control.revision() != self.revision {
+                self.regroup(input);
             }
             let controlled = clock.map(|clock| clock.elapsed());
             self.run_islands(timed)?;
@@ -198,6 +226,7 @@ impl Flight {
                 let fraction = (self.now_s() / expected_s).min(0.99);
                 let phase = self.control.stage().name();
                 (options.progress)(Progress { phase, simulated_s: self.now_s(), fraction });
+                self.ask(options)?;
                 if options.cancel.load(Ordering::Relaxed) {
                     return Err(RunError::Interrupted);
                 }
@@ -221,9 +250,44 @@ impl Flight {
     }
 
     /// What the control center takes in and says at a step of the window.
-    fn run_control(&mut self, step: u64) -> Result<(), MissionError> {
+    fn run_control(&mut self, step: u64, survival: &mut Survival) -> Result<(), MissionError> {
         let Self { control, islands, outbox, place_of, .. } = self;
-        outbox.exchange(step * STEP_US as u64, control, islands, place_of)
+        outbox.exchange(step * STEP_US as u64, &mut survival.journalled(control), islands, place_of)
+    }
+
+    /// Asks the witness, if there is one.
+    fn ask(&self, options: &RunOptions<'_>) -> Result<(), RunError> {
+        let Some(witness) = options.witness else { return Ok(()) };
+        let mut dead = vec![false; self.place_of.len()];
+        for drone in self.islands.iter().flat_map(|island| &island.drones) {
+            dead[usize::from(drone.id.0) - 1] = drone.is_lost();
+        }
+        let sight = Sight {
+            t_s: self.now_s(),
+            control: &self.control,
+            control_is_alive: self.control_is_alive,
+            violations: self.separation.violations(),
+            least_separation_m: self.separation.least_m(),
+            within_fence_m: self.clearance.within_fence_m(),
+            positions_m: self.window_m.last().map_or(&[], Vec::as_slice),
+            dead: &dead,
+        };
+        witness(&sight).map_err(|invariant| RunError::Broken { invariant, at_s: self.now_s() })
+    }
+
+    /// The control center has put the drones together anew: so are their direct links, and what is watched.
+    fn regroup(&mut self, input: &MissionInput) {
+        self.revision = self.control.revision();
+        let plan = self.control.plan();
+        let islands = setup::regrouped(&input.scenario, plan, std::mem::take(&mut self.islands));
+        for (index, island) in islands.iter().enumerate() {
+            for (member, drone) in island.drones.iter().enumerate() {
+                self.place_of[usize::from(drone.id.0) - 1] = (index, member);
+            }
+        }
+        self.islands = islands;
+        self.flying = self.fleets.len();
+        self.fleets.extend(setup::fleet_watches(plan));
     }
 
     fn run_islands(&mut self, timed: bool) -> Result<(), RunError> {
@@ -242,6 +306,11 @@ impl Flight {
                 self.window_m[row / members][drone] = *position_m;
             }
         }
+        for drone in self.islands.iter().flat_map(|island| &island.drones) {
+            let (index, excused) = (usize::from(drone.id.0) - 1, drone.is_excused());
+            self.separation.excuse(index, excused);
+            self.excused[index] = excused;
+        }
         let started_s = self.control.sweep_started().map_or(f64::INFINITY, |at| at.0 as f64 * 1e-12);
         let sweeping = self.control.stage() == Stage::Sweep;
         for row in 0..self.window_m.len() {
@@ -250,7 +319,8 @@ impl Flight {
             let t_s = step_s(step);
             let positions_m = &self.window_m[row];
             self.separation.moved(t_s, positions_m);
-            self.clearance.moved(t_s, positions_m, &self.control.plan().airspace);
+            self.clearance
+                .moved(t_s, positions_m, &self.control.plan().airspace, |drone| self.excused[drone]);
             if sweeping && step.is_multiple_of(FORMATION_STEPS) && t_s > started_s {
                 self.watch_formations(t_s, row);
             }
@@ -262,15 +332,16 @@ impl Flight {
 
     /// Measures all fleets that are whole; two drones are no triangle: what they fly over is not covered.
     fn watch_formations(&mut self, t_s: f64, row: usize) {
-        let Self { fleets, control, islands, place_of, window_m, .. } = self;
-        let place_of = |id: DroneId| place_of[usize::from(id.0) - 1];
-        let is_lost = |id: &DroneId| {
-            let (island, member) = place_of(*id);
+        let Self { fleets, flying, control, islands, place_of, window_m, .. } = self;
+        let is_dead = |id: &DroneId| {
+            let (island, member) = place_of[usize::from(id.0) - 1];
             islands[island].drones[member].is_lost()
         };
-        let whole = |fleet: &PlannedFleet| !fleet.mates.iter().any(is_lost);
         let avoids = |id: &DroneId| control.conditions(*id) & Condition::Avoiding.bit() != 0;
-        for (watch, fleet) in fleets.iter_mut().zip(&control.plan().fleets).filter(|(_, it)| whole(it)) {
+        for (index, (watch, fleet)) in fleets[*flying..].iter_mut().zip(&control.plan().fleets).enumerate() {
+            if watch.has_ended() || fleet.mates.iter().any(is_dead) || !control.is_whole(index) {
+                continue;
+            }
             let avoiding = fleet.mates.iter().any(avoids);
             watch.sweeping(t_s, fleet.mates.map(|id| window_m[row][usize::from(id.0) - 1]), avoiding);
         }
@@ -297,6 +368,8 @@ impl Flight {
                 Happening::Said { code, value } => judge::event_text(code, value),
                 Happening::Lost => "lost: not heard any more".to_owned(),
                 Happening::HeardAgain => "heard again".to_owned(),
+                Happening::Resumed => "the control center is back".to_owned(),
+                Happening::Refused { command } => format!("refused {command}"),
             },
         };
         let mut events: Vec<EventRecord> = self.control.events().iter().map(text).collect();
@@ -330,6 +403,24 @@ impl Flight {
             self.reports.iter().map(|report| u64::from(count(&report.counters))).sum()
         };
         [sum(|counters| counters.frames_rejected), sum(|counters| counters.frames_forged)]
+    }
+
+    /// What became of an attacker's frames.
+    fn attack(&self) -> Option<AttackSummary> {
+        let mut sum = AttackSummary::default();
+        for drone in self.islands.iter().flat_map(|island| &island.drones) {
+            let ([down, up], refused_before) = drone.attacked();
+            sum.injected_down += down;
+            sum.injected_up += up;
+            sum.refused_down += refused_before;
+        }
+        if sum.injected_down + sum.injected_up == 0 {
+            return None;
+        }
+        sum.refused_down += self.reports.iter().map(|report| drone::refused(&report.counters)).sum::<u64>();
+        let Refusals { rejected, forged, repeated } = self.control.refusals();
+        sum.refused_up = rejected + forged + repeated;
+        Some(sum)
     }
 
     /// Captures that came late, by occasion and drone.

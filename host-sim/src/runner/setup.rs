@@ -3,6 +3,7 @@
 use super::{
     InputError, MissionInput, MissionKeys, RunError,
     drone::{Drone, Parts},
+    faults::DroneFaults,
     flights::{Bases, Flights},
     formation,
     island::{Island, Surroundings},
@@ -15,7 +16,7 @@ use crate::{
         assemble,
         keys::LinkKeys,
         localize::{ClockModel, LocalizeConfig},
-        mission::plan::{MissionPlan, PlannedDrone, PlannedFleet},
+        mission::plan::{MissionPlan, PlannedDrone, PlannedFleet, Resweep},
         srs_schedule::SrsConfig,
         sweep::{self, SubArea, SweepPlan, SweepRequest},
     },
@@ -45,6 +46,7 @@ use skyroost_firmware::{
     srs::{clock::TickRate, discipline::Oscillator},
 };
 use skyroost_protocol::{
+    codec::MAX_FRAME,
     key::{KEY_LEN, Key},
     message::{Heading, MAX_WAYPOINTS},
     units::{DroneId, TimePs},
@@ -87,8 +89,14 @@ impl Setup {
         let flights = Flights::new(scenario, &sweep, &bases);
         let airspace = space::airspace(input, obstacles, &flights)?;
         let walls_mm = space::walls(&airspace, &flights)?;
+        let resweep = space::meeting_room(scenario, &airspace).map(|room| Resweep {
+            region: flown,
+            request: request(scenario, &bases),
+            room,
+            passing_m: scenario.fleet.passing_m(),
+        });
         let keys = link_keys(input, flights.drones.len());
-        let plan = mission_plan(scenario, flights, airspace, walls_mm, keys);
+        let plan = MissionPlan { resweep, ..mission_plan(scenario, flights, airspace, walls_mm, keys) };
         check_lanes(&sweep, &plan)?;
         check_endurance(scenario, &sweep, &plan)?;
         Ok(Self { sweep, plan, users, region })
@@ -218,6 +226,7 @@ fn mission_plan(
             ..LocalizeConfig::default()
         },
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
+        resweep: None,
         keys,
         rekey_period: scenario.link.rekey_s.map(|period_s| TimePs((period_s * 1e12) as i64)),
     }
@@ -325,32 +334,48 @@ pub(super) fn islands(
     keys: &LinkKeys,
     hangar: &Hangar,
 ) -> Result<Vec<Island>, BoardError> {
-    let count = drones.len();
-    let mut islands = Vec::new();
-    let mut members: Vec<Vec<usize>> = vec![Vec::new(); fleets];
-    for (index, planned) in drones.iter().enumerate() {
+    let members = members(drones, fleets);
+    let of = |id: &DroneId| &drones[usize::from(id.0) - 1];
+    let mut islands = Vec::with_capacity(members.len());
+    for ids in members {
+        let own = ids.iter().map(|id| drone(scenario, of(id), keys, hangar));
+        let own = own.collect::<Result<_, _>>()?;
+        let pairs = ids.iter().flat_map(|from| ids.iter().map(move |to| (*from, *to)));
+        let links = pairs.map(|(from, to)| peer_link(scenario, drones.len(), from, to)).collect();
+        islands.push(Island::new(own, links));
+    }
+    Ok(islands)
+}
+
+/// The same drones by the fleets of a later plan.
+pub(super) fn regrouped(scenario: &Scenario, plan: &MissionPlan, islands: Vec<Island>) -> Vec<Island> {
+    let members = members(&plan.drones, plan.fleets.len());
+    let count = plan.drones.len();
+    Island::regrouped(islands, &members, |from, to| peer_link(scenario, count, from, to))
+}
+
+/// Who talks to whom directly: each fleet, and each of the others alone.
+fn members(drones: &[PlannedDrone], fleets: usize) -> Vec<Vec<DroneId>> {
+    let mut members: Vec<Vec<DroneId>> = vec![Vec::new(); fleets];
+    for planned in drones {
         match planned.fleet {
-            Some((fleet, _)) => members[fleet].push(index),
-            None => members.push(vec![index]),
+            Some((fleet, _)) => members[fleet].push(planned.id),
+            None => members.push(vec![planned.id]),
         }
     }
-    let peer = LinkConfig {
+    members
+}
+
+/// The link between two fleet mates.
+fn peer_link(scenario: &Scenario, drones: usize, from: DroneId, to: DroneId) -> Link<MAX_FRAME> {
+    let config = LinkConfig {
         min_delay_us: (scenario.link.peer_delay_s * 1e6) as u64,
         jitter_us: 0,
         ..link_config(scenario)
     };
-    let weather = weather(scenario);
-    for indices in members {
-        let own = indices.iter().map(|&index| drone(scenario, &drones[index], keys, hangar));
-        let own = own.collect::<Result<_, _>>()?;
-        let pairs =
-            indices.iter().flat_map(|&from| indices.iter().map(move |&to| (from * count + to) as u64));
-        let links = pairs
-            .map(|pair| Link::new(peer.clone(), scenario.seed, Stream::LinkPeer, pair).with(&weather))
-            .collect();
-        islands.push(Island::new(own, links));
-    }
-    Ok(islands)
+    let [from, to] = [from, to].map(|id| usize::from(id.0) - 1);
+    let pair = (from * drones + to) as u64;
+    Link::new(config, scenario.seed, Stream::LinkPeer, pair).with(&weather(scenario))
 }
 
 fn link_config(scenario: &Scenario) -> LinkConfig {
@@ -427,10 +452,11 @@ fn drone(
     };
     let adversity = adversity(scenario, number);
     let battery = BatteryConfig { endurance_s: scenario.battery.endurance_s, ..BatteryConfig::default() };
+    let born = (agent_config(scenario, planned.id), keys.root(planned.id).cloned());
     let drone = Drone::new(
         planned.id,
         Parts {
-            board: hangar.start(agent_config(scenario, planned.id), keys.root(planned.id).cloned())?,
+            board: hangar.start(born.0, born.1.clone())?,
             vehicle: Vehicle::new(vehicle, dt_s, planned.pad_m),
             uplink: Link::new(link_config(scenario), seed, Stream::LinkUp, index).with(&adversity),
             downlink: Link::new(link_config(scenario), seed, Stream::LinkDown, index).with(&adversity),
@@ -443,6 +469,8 @@ fn drone(
             toa_sigma_ns: scenario.srs.sigma_toa_ns,
             error_radius_m: scenario.fleet.r_s_m,
             radius_m: scenario.fleet.radius_m,
+            faults: DroneFaults::new(scenario, number),
+            born,
             lost_at_s: scenario.losses.iter().find(|loss| loss.drone == number).map(|loss| loss.at_s),
         },
     );

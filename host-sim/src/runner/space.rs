@@ -59,6 +59,13 @@ pub(super) fn room(
     })
 }
 
+/// Where fleets may meet in the airspace of a mission, if anywhere.
+pub(super) fn meeting_room(scenario: &Scenario, airspace: &Airspace) -> Option<Airspace> {
+    let room_m = scenario.obstacles.clearance_m + triangle_m(scenario);
+    let fence = airspace.fence().clone();
+    Airspace::new(airspace.obstacles().to_vec(), fence, scenario.fleet.altitude_m, room_m)
+}
+
 /// From a fleet's centre to where any of its drones may be, metres.
 fn triangle_m(scenario: &Scenario) -> f64 {
     scenario.fleet.spacing_m / 3f64.sqrt() + scenario.fleet.margin_m

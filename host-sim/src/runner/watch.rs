@@ -28,6 +28,8 @@ pub(super) struct Separation {
     /// All others, the next to look at on top.
     far: BinaryHeap<Reverse<Pair>>,
     last_m: Vec<V3>,
+    /// Drones whose separation nobody claims, now.
+    excused: Vec<bool>,
 }
 
 /// Two drones.
@@ -58,7 +60,13 @@ impl Separation {
             near: Vec::new(),
             far: pairs.collect(),
             last_m: positions_m.to_vec(),
+            excused: vec![false; positions_m.len()],
         }
+    }
+
+    /// From now on it is not looked at how near others come to this drone, or it is again.
+    pub(super) fn excuse(&mut self, drone: usize, excused: bool) {
+        self.excused[drone] = excused;
     }
 
     /// The drones moved straight from where they were to `positions_m`, where they are at `t_s`.
@@ -67,13 +75,16 @@ impl Separation {
         while let Some(soon) = self.far.peek_mut().filter(|next| next.0.look_ms <= now_ms) {
             self.near.push(PeekMut::pop(soon).0);
         }
-        let Self { near, far, least_m, violations, .. } = self;
+        let Self { near, far, least_m, violations, excused, .. } = self;
         near.retain_mut(|pair| {
             if now_ms < pair.look_ms {
                 return true;
             }
             let [a, b] = pair.drones.map(usize::from);
             let after = positions_m[a] - positions_m[b];
+            if excused[a] || excused[b] {
+                return true;
+            }
             let distance_m = least_between(self.last_m[a] - self.last_m[b], after);
             *least_m = least_m.min(distance_m);
             let violates = distance_m < self.d_safe_m;
@@ -167,6 +178,11 @@ impl FleetWatch {
         }
     }
 
+    /// Whether its lanes are flown.
+    pub(super) fn has_ended(&self) -> bool {
+        self.ended_s.is_some()
+    }
+
     /// True positions of the three drones, by slot, at `t_s` while the fleet sweeps, and whether one of them avoids
     /// somebody.
     pub(super) fn sweeping(&mut self, t_s: f64, pos_m: [V3; 3], avoiding: bool) {
@@ -221,9 +237,9 @@ impl FleetWatch {
         stadiums_from_track(&track, 0.05)
     }
 
-    /// Seconds from the first lane's start to the last lane's end, once flown.
-    pub(super) fn duration_s(&self) -> Option<f64> {
-        Some(self.ended_s? - self.began_s?)
+    /// When its first lane began and its last one ended, seconds; none for what did not.
+    pub(super) fn began_and_ended_s(&self) -> (Option<f64>, Option<f64>) {
+        (self.began_s, self.ended_s)
     }
 
     /// Sum of squared formation errors and their number.

@@ -6,7 +6,7 @@
 
 use super::error::ScenarioError;
 use super::source::Source;
-use super::tables::Scenario;
+use super::tables::{FaultKind, FaultTable, Scenario};
 use skyroost_protocol::units::MAX_DRONES;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -26,6 +26,7 @@ pub(super) fn check(scenario: &Scenario, source: &Source) -> Result<(), Scenario
     formation(scenario, source)?;
     pads(scenario, source)?;
     losses(scenario, source)?;
+    faults(scenario, source)?;
     partitions(scenario, source)?;
     proportions(scenario, source)?;
     let Scenario { srs, users, fleet, .. } = scenario;
@@ -43,6 +44,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         name,
         seed: _,
         losses: _,
+        faults: _,
         partitions: _,
         area,
         obstacles,
@@ -223,6 +225,25 @@ fn losses(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
         let twice = scenario.losses[..index].iter().any(|before| before.drone == loss.drone);
         require(!twice, source, field, format!("drone {} twice", loss.drone), || {
             "each drone lost once".to_owned()
+        })?;
+    }
+    Ok(())
+}
+
+/// Faults of drones that exist, and of the control center.
+fn faults(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let (field, drones) = ("faults", scenario.fleet.drones);
+    for FaultTable { kind, drone, at_s, for_s } in &scenario.faults {
+        let of_control = *kind == FaultKind::ControlKilled;
+        let found = drone
+            .map_or_else(|| format!("{kind:?} of no drone"), |drone| format!("{kind:?} of drone {drone}"));
+        let holds = drone.map_or(of_control, |drone| !of_control && (1..=drones).contains(&drone));
+        require(holds, source, field, found, || {
+            format!("control_killed without a drone, and all others with drone 1 to {drones} (fleet.drones)")
+        })?;
+        let holds = (0.0..=MAX_TIME_S).contains(at_s) && (0.0..=MAX_TIME_S).contains(for_s);
+        require(holds, source, field, format!("at_s = {at_s}, for_s = {for_s}"), || {
+            format!("numbers from 0 to {MAX_TIME_S}")
         })?;
     }
     Ok(())

@@ -18,9 +18,9 @@ mod tables;
 pub use error::{Place, ScenarioError};
 pub use source::Source;
 pub use tables::{
-    AreaTable, BatteryTable, ClockTable, FenceTable, FleetTable, GnssMode, GnssTable, LimitsTable, LinkTable,
-    LossTable, MissionTable, ObstaclesTable, Orientation, Scenario, SplitMode, SrsTable, UsersTable,
-    WindTable,
+    AreaTable, BatteryTable, ClockTable, FaultKind, FaultTable, FenceTable, FleetTable, GnssMode, GnssTable,
+    LimitsTable, LinkTable, LossTable, MissionTable, ObstaclesTable, Orientation, Scenario, SplitMode,
+    SrsTable, UsersTable, WindTable,
 };
 
 use serde::{Deserialize as _, de::DeserializeOwned};

@@ -14,6 +14,8 @@ pub struct Scenario {
     pub seed: u64,
     /// Drones that break down.
     pub losses: Vec<LossTable>,
+    /// What else goes wrong.
+    pub faults: Vec<FaultTable>,
     /// When drones and control center do not hear each other.
     pub partitions: Vec<PartitionTable>,
     /// The area to sweep.
@@ -50,6 +52,7 @@ impl Default for Scenario {
             name: "paper".to_owned(),
             seed: 1,
             losses: Vec::new(),
+            faults: Vec::new(),
             partitions: Vec::new(),
             area: AreaTable::default(),
             obstacles: ObstaclesTable::default(),
@@ -91,6 +94,44 @@ pub struct LossTable {
     pub drone: u32,
     /// Simulated time from the start.
     pub at_s: f64,
+}
+
+/// Something that goes wrong for a while.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaultTable {
+    /// What.
+    pub kind: FaultKind,
+    /// Number of the drone that it happens to, from 1; none for the control center.
+    #[serde(default)]
+    pub drone: Option<u32>,
+    /// Simulated time from the start.
+    pub at_s: f64,
+    /// For how long; how long a board or the control center takes to be back.
+    #[serde(default = "a_second")]
+    pub for_s: f64,
+}
+
+fn a_second() -> f64 {
+    1.0
+}
+
+/// What can go wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultKind {
+    /// The board of a drone starts anew and knows nothing; the autopilot holds the vehicle meanwhile.
+    BoardReset,
+    /// The capture clock of a drone jumps ahead by a tenth of a millisecond.
+    ClockJump,
+    /// The receiver of a drone captures nothing.
+    CapturesStuck,
+    /// The navigation solution of a drone is no number.
+    NavigationNan,
+    /// Somebody near a drone sends it, and in its name, frames that were recorded, forged, cut and damaged.
+    Attack,
+    /// The control center is killed, and started again with nothing but its journal.
+    ControlKilled,
 }
 
 /// A time in which drones and the control center do not hear each other; fleet mates still do.

@@ -89,6 +89,11 @@ impl Clock {
         Self { offset_ps, drift, step_sigma_ps, cell_ps: 0, walk_ps: [0.0, 0.0, first_step_ps], rng }
     }
 
+    /// From now on the clock is so much further ahead.
+    pub fn jump(&mut self, ahead_ps: f64) {
+        self.offset_ps += ahead_ps;
+    }
+
     /// How far the clock is ahead of true time, picoseconds.
     ///
     /// # Panics

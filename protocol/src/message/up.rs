@@ -294,3 +294,23 @@ impl BitOr for TdoaFlags {
         Self(self.0 | other.0)
     }
 }
+
+impl FlightPhase {
+    /// All phases; each has its place as its number in events.
+    pub const ALL: [Self; 8] = [
+        Self::Grounded,
+        Self::TakeOff,
+        Self::Hold,
+        Self::Sweep,
+        Self::GoTo,
+        Self::Serve,
+        Self::ReturnHome,
+        Self::Landing,
+    ];
+
+    /// The phase of that number, as [`EventCode::PhaseEntered`] tells it.
+    #[must_use]
+    pub fn numbered(number: u32) -> Option<Self> {
+        Self::ALL.get(usize::try_from(number).ok()?).copied()
+    }
+}

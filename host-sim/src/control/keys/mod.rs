@@ -16,16 +16,26 @@ pub struct LinkKeys {
     roots: Vec<Key>,
     /// Boots of the control center so far, from 1.
     boot_epoch: u16,
-    /// Where fresh keys come from.
+    /// What fresh keys come from, in each boot others.
+    seed: Key,
     chance: ChaCha20Rng,
 }
 
 impl LinkKeys {
-    /// Root keys by drone, from drone 1. `boot_epoch` must rise with every start of a control center with these keys, from
-    /// 1 on, and `chance` must never come twice.
+    /// Root keys by drone, from drone 1, and the control center's own. `boot_epoch` must rise with every start of a control center
+    /// with these keys, from 1 on: what is fresh follows from `seed` and the boot, so that a [journal](super::journal) can be told again
+    /// without holding a key.
     #[must_use]
-    pub fn new(roots: Vec<Key>, boot_epoch: u16, chance: &Key) -> Self {
-        Self { roots, boot_epoch, chance: ChaCha20Rng::from_seed(*chance.expose()) }
+    pub fn new(roots: Vec<Key>, boot_epoch: u16, seed: &Key) -> Self {
+        let mut chance = ChaCha20Rng::from_seed(*seed.expose());
+        chance.set_stream(u64::from(boot_epoch));
+        Self { roots, boot_epoch, seed: seed.clone(), chance }
+    }
+
+    /// The same at another boot.
+    #[must_use]
+    pub fn at_boot(&self, boot_epoch: u16) -> Self {
+        Self::new(self.roots.clone(), boot_epoch, &self.seed)
     }
 
     /// Nothing is sealed.

@@ -84,11 +84,15 @@ impl Running {
     /// Nothing heard yet; `groups` are the clock groups (fleets) and their drones.
     #[must_use]
     pub fn new(cfg: LocalizeConfig, groups: impl IntoIterator<Item = (u16, Vec<DroneId>)>) -> Self {
-        let group = |(id, mut drones): (u16, Vec<DroneId>)| {
-            drones.sort_unstable();
-            (id, Group { drones, clocks: Vec::new() })
-        };
-        Self { cfg, groups: groups.into_iter().map(group).collect(), users: BTreeMap::new() }
+        let mut running = Self { cfg, groups: BTreeMap::new(), users: BTreeMap::new() };
+        groups.into_iter().for_each(|(id, drones)| running.group(id, drones));
+        running
+    }
+
+    /// From now on there are also occasions of this clock group; one that is known stays as it is.
+    pub fn group(&mut self, id: u16, mut drones: Vec<DroneId>) {
+        drones.sort_unstable();
+        self.groups.entry(id).or_insert(Group { drones, clocks: Vec::new() });
     }
 
     /// Takes the clocks of a solution of everything.

@@ -25,6 +25,8 @@ const IDENTIFY_EVERY: TimePs = TimePs::from_ms(1_000);
 const TELEMETRY_FRESH: TimePs = TimePs::from_ms(2_500);
 /// Slower than this a drone stands still, millimetres a second in each direction.
 const STANDING_MMPS: u16 = 300;
+/// A drone that has stood for so long on its way does not get where it was sent.
+const SHORT_FOR: TimePs = TimePs::from_ms(60_000);
 /// Repetitions before the drone counts as unreachable.
 const MOST_REPEATS: u32 = 50;
 /// A drone in the air that says nothing for this long is lost: fifteen shared states, and the radio's delay on top
@@ -123,9 +125,23 @@ pub struct DroneLink {
     heard: TimePs,
     /// Whether it is in the air, and when it said so.
     in_the_air: (TimePs, bool),
+    /// What it does, by its last word on that: telemetry, or an event that was faster.
+    pub(super) said_phase: Option<FlightPhase>,
+    /// When that was.
+    phase_said: TimePs,
+    /// Whether what it measures was found to be worth nothing; no drone is asked twice.
+    pub(super) deaf: bool,
+    /// Since when.
+    pub(super) deaf_since: Option<TimePs>,
+    /// Where it was sent last.
+    goal_m: Option<V2>,
+    /// Since when it has stood on the way there.
+    stands_since: Option<TimePs>,
     /// How well frames get through.
     pub quality: Quality,
     end: LinkEnd,
+    /// Whether this control center goes on where one before it ended, and has not been answered yet.
+    resumes: bool,
     identify_due: TimePs,
     queue: VecDeque<Command>,
     under_way: Option<UnderWay>,
@@ -149,8 +165,15 @@ impl DroneLink {
             lost: None,
             heard: TimePs(0),
             in_the_air: (TimePs(0), false),
+            said_phase: None,
+            phase_said: TimePs(0),
+            deaf: false,
+            deaf_since: None,
+            goal_m: None,
+            stands_since: None,
             quality: Quality::default(),
             end: LinkEnd::new(DroneId::CONTROL, keys.boot_epoch(), id, keys.root(id).cloned()),
+            resumes: false,
             identify_due: TimePs(0),
             queue: VecDeque::new(),
             under_way: None,
@@ -253,7 +276,7 @@ impl DroneLink {
     }
 
     fn welcome(&mut self, version: u8, send: &mut impl FnMut(DroneId, &[u8])) {
-        self.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH, resumes: false }, send);
+        self.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH, resumes: self.resumes }, send);
     }
 
     fn takes(
@@ -267,6 +290,8 @@ impl DroneLink {
             Up::Hello { version_min, version_max, schema_hash, .. } => {
                 let version = self.common_version(version_min, version_max, schema_hash)?;
                 self.connected |= !self.end.is_sealed();
+                // Its board has just started: what it said before it does not know any more.
+                (self.telemetry, self.said_phase) = (None, None);
                 self.welcome(version, send);
             }
             Up::CommandAck { command, status } => self.acknowledged(now, command, status, send)?,
@@ -285,12 +310,58 @@ impl DroneLink {
     pub fn watched(&mut self, now: TimePs, relay_period: TimePs) -> Option<bool> {
         let periods = TimePs(relay_period.0.saturating_mul(SILENT_PERIODS));
         let silent_for = periods.max(SILENT_FOR).min(MOST_SILENT_FOR);
-        let silent = self.in_the_air() && now.since(self.heard) >= silent_for;
+        // On the ground nobody minds, unless it was given up.
+        let silent = (self.in_the_air() || self.lost.is_some()) && now.since(self.heard) >= silent_for;
         if silent == self.lost.is_some() {
             return None;
         }
         self.lost = silent.then_some(now);
         Some(silent)
+    }
+
+    /// Goes on at `now`, in a new boot of the control center that was killed: whoever it was spoke to the boot before. What was under
+    /// way is said again, and done once: its number is the same.
+    pub fn resume(&mut self, now: TimePs, keys: &LinkKeys) {
+        self.end = LinkEnd::new(DroneId::CONTROL, keys.boot_epoch(), self.id, keys.root(self.id).cloned());
+        (self.resumes, self.identify_due, self.quality) = (true, now, Quality::default());
+        (self.heard, self.in_the_air.0) = (now, now);
+        self.accepted = now;
+        // Keys of the session that is over.
+        self.queue.retain(|command| !matches!(command, Command::Rekey(_)));
+        let _ = self.under_way.take_if(|it| matches!(it.command, Command::Rekey(_)));
+        if let Some(under_way) = &mut self.under_way {
+            (under_way.sent, under_way.repeats) = (now, 0);
+        }
+    }
+
+    /// It does not answer: it counts as lost until it is heard again, and is told nothing of what it missed.
+    pub fn give_up(&mut self, now: TimePs) {
+        self.lost = Some(now);
+        self.forget_commands();
+    }
+
+    /// What it was to do and has not acknowledged is not said any more; what it is doing it does.
+    pub fn forget_commands(&mut self) {
+        // A key that the drone may have already is not taken back.
+        let is_rekey = |it: &mut UnderWay| !matches!(it.command, Command::Rekey(_));
+        self.queue.clear();
+        let _ = self.under_way.take_if(is_rekey);
+        self.upload = None;
+    }
+
+    /// For how long it has been silent.
+    pub(super) fn silence(&self, now: TimePs) -> TimePs {
+        now.since(self.heard)
+    }
+
+    /// When the last acceptance came.
+    pub(super) fn accepted(&self) -> TimePs {
+        self.accepted
+    }
+
+    /// Its supervisor's conditions by its last telemetry, one bit each.
+    pub(super) fn conditions(&self) -> u32 {
+        self.telemetry.map_or(0, |telemetry| telemetry.conditions)
     }
 
     /// A frame came at `now`.
@@ -300,6 +371,16 @@ impl DroneLink {
             Up::SharedState(state) => self.quality.took(now.since(state.time)),
             Up::Telemetry(telemetry) => self.quality.lost(self.end.sent(), telemetry.frames_lost),
             _ => {}
+        }
+        let phase = match message {
+            Up::Telemetry(telemetry) => Some((telemetry.time, telemetry.phase)),
+            Up::Event { code: EventCode::PhaseEntered, time, value } => {
+                FlightPhase::numbered(*value).map(|phase| (*time, phase))
+            }
+            _ => None,
+        };
+        if let Some((time, phase)) = phase.filter(|it| it.0 >= self.phase_said) {
+            (self.phase_said, self.said_phase) = (time, Some(phase));
         }
         let said = match message {
             // States are shared in the air only.
@@ -341,6 +422,18 @@ impl DroneLink {
         self.state.is_some_and(|state| state.vel.0.iter().all(slow))
     }
 
+    /// Where it was to fly and does not get to: it has stood in the air for a minute on the way there.
+    #[must_use]
+    pub fn stands_short(&mut self, now: TimePs) -> Option<V2> {
+        let goal = self.goal_m.filter(|_| self.stands() && self.phase(now) == Some(FlightPhase::GoTo));
+        let Some(goal) = goal else {
+            self.stands_since = None;
+            return None;
+        };
+        let since = *self.stands_since.get_or_insert(now);
+        (now.since(since) >= SHORT_FOR).then_some(goal)
+    }
+
     /// Sends a message in the next frame.
     ///
     /// # Panics
@@ -359,6 +452,10 @@ impl DroneLink {
 
     /// Gives a command; commands are carried out in order.
     pub fn command(&mut self, command: Command) {
+        if let Command::Place { target } = &command {
+            let [x, y, _] = target.0.map(|mm| f64::from(mm) * 1e-3);
+            (self.goal_m, self.stands_since) = (Some(V2::new(x, y)), None);
+        }
         self.queue.push_back(command);
     }
 
@@ -402,7 +499,7 @@ impl DroneLink {
         send: &mut impl FnMut(DroneId, &[u8]),
     ) -> Result<(), DroneFailure> {
         let Some(under_way) = self.under_way.take_if(|u| u.id == id) else { return Ok(()) };
-        self.accepted = now;
+        (self.accepted, self.resumes) = (now, false);
         match (status, under_way.command) {
             (AckStatus::Accepted, Command::Rekey(_)) => self.end.confirmed(),
             (AckStatus::Accepted, Command::UploadBegin(_)) => self.send_lanes(0, send),
@@ -437,6 +534,7 @@ impl DroneLink {
             self.next_command = self.next_command.wrapping_add(1);
             let message = Down::Command { id, command: command.clone() };
             self.under_way = Some(UnderWay { id, command, sent: now, repeats: 0 });
+            self.say_that_it_resumes(send);
             self.say(&message, send);
         } else if let Some(under_way) = &mut self.under_way
             && now.since(under_way.sent) >= REPEAT_AFTER
@@ -448,9 +546,17 @@ impl DroneLink {
                 return Err(DroneFailure::Unreachable { drone: self.id, command: name(&under_way.command) });
             }
             let message = Down::Command { id: under_way.id, command: under_way.command.clone() };
+            self.say_that_it_resumes(send);
             self.say(&message, send);
         }
         Ok(())
+    }
+
+    /// Until a command is acknowledged the drone may not know that numbers go on, and then leaves commands aside.
+    fn say_that_it_resumes(&mut self, send: &mut impl FnMut(DroneId, &[u8])) {
+        if self.resumes {
+            self.welcome(PROTOCOL_VERSION, send);
+        }
     }
 
     fn send_lanes(&mut self, from: u16, send: &mut impl FnMut(DroneId, &[u8])) {

@@ -10,6 +10,7 @@ pub mod plan;
 mod quality;
 mod refine;
 pub(in crate::control) mod relaying;
+pub mod replan;
 mod stages;
 mod watch;
 
@@ -26,12 +27,14 @@ use crate::{
 use assembly::Assembling;
 use drone::{DroneFailure, DroneLink, Refusals};
 pub use goals::GoalConflict;
-use plan::MissionPlan;
+use plan::{MissionPlan, PlannedFleet};
 use refine::Refinement;
 pub use relaying::RELAYED_NEIGHBOURS;
 use relaying::Relaying;
+use replan::Progress;
+pub use replan::Replan;
 use skyroost_protocol::{
-    message::{Down, FlightPhase, MateTdoa, TdoaCounts, TdoaEntry, TdoaFlags, Up},
+    message::{AckStatus, Down, FlightPhase, MateTdoa, TdoaCounts, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId},
 };
 use thiserror::Error;
@@ -65,6 +68,8 @@ pub enum Stage {
     Assemble,
     /// Flying the lanes and collecting arrival times.
     Sweep,
+    /// Stopping, as a drone of a fleet is gone or somebody came back, before the rest is planned anew.
+    Halt,
     /// Taking in the last reports before users are located.
     Collect,
     /// Flying to the placements.
@@ -85,6 +90,7 @@ impl Stage {
             Self::TakeOff => "take off",
             Self::Assemble => "assemble",
             Self::Sweep => "sweep",
+            Self::Halt => "stop and plan anew",
             Self::Collect => "locate and place",
             Self::Deploy => "deploy",
             Self::Refine => "refine",
@@ -109,6 +115,9 @@ pub enum MissionError {
         /// Its supervisor's conditions, one bit each.
         conditions: u32,
     },
+    /// What the control center was told could not be written down.
+    #[error("{0}")]
+    Journal(String),
     /// Nobody is left to go on with.
     #[error("every drone is lost")]
     NobodyLeft,
@@ -186,9 +195,14 @@ pub struct ControlCenter {
     relaying: Relaying,
     assembling: Assembling,
     sweep_started: Option<TimePs>,
+    progress: Progress,
     localization: Localization,
     placement: Option<Placement>,
     targets: Vec<Target>,
+    /// Drones that the placement counts on.
+    placed_for: Vec<usize>,
+    /// Since when that are not those that can serve.
+    misplaced_since: Option<TimePs>,
     /// Where each drone was sent last in the second stage: its goal, or a corner on the way there.
     legs: Vec<Option<V2>>,
     refinement: Option<Refinement>,
@@ -202,9 +216,9 @@ impl ControlCenter {
     /// Before the first word of any drone.
     #[must_use]
     pub fn new(plan: MissionPlan) -> Self {
-        let schedules = plan.fleets.iter().enumerate();
-        let schedules = schedules.map(|(f, fleet)| FleetSchedule::new(f, fleet.mates, plan.srs)).collect();
-        let groups = plan.fleets.iter().zip(0u16..).map(|(fleet, group)| (group, fleet.mates.to_vec()));
+        let schedule = |fleet: &PlannedFleet| FleetSchedule::new(fleet.clock_group, fleet.mates, plan.srs);
+        let schedules = plan.fleets.iter().map(schedule).collect();
+        let groups = plan.fleets.iter().map(|fleet| (fleet.clock_group, fleet.mates.to_vec()));
         let running = Running::new(plan.localize, groups);
         Self {
             drones: plan.drones.iter().map(|d| DroneLink::new(d.id, &plan.keys)).collect(),
@@ -223,9 +237,12 @@ impl ControlCenter {
             occasion_ids: Vec::new(),
             assembling: Assembling::default(),
             sweep_started: None,
+            progress: Progress::default(),
             localization: Localization::default(),
             placement: None,
             targets: Vec::new(),
+            placed_for: Vec::new(),
+            misplaced_since: None,
             refinement: None,
             events: Vec::new(),
             rekey_due: None,
@@ -334,7 +351,17 @@ impl ControlCenter {
             self.counters.frames_of_strangers += 1;
             return Ok(());
         };
-        let Some(message) = self.drones[index].hear(now, bytes, send)? else { return Ok(()) };
+        let message = match self.drones[index].hear(now, bytes, send) {
+            Ok(Some(message)) => message,
+            Ok(None) => return Ok(()),
+            // Its supervisor was faster; what the drone does instead is seen by its telemetry.
+            Err(DroneFailure::Refused { command, status: AckStatus::WrongPhase, .. }) => {
+                let what = Happening::Refused { command };
+                self.events.push(OperatorEvent { time: now, drone: from, what });
+                return Ok(());
+            }
+            Err(failure) => return Err(failure.into()),
+        };
         match message {
             Up::Attached(page) => {
                 if let Some((fleet, _)) = self.plan.drones[index].fleet {
@@ -344,7 +371,10 @@ impl ControlCenter {
             }
             Up::Tdoa(entries) => entries.iter().for_each(|entry| self.measured(from, entry)),
             Up::Event { code, time, value } => self.said(index, time, code, value),
-            Up::Telemetry(telemetry) => self.conditions_are(index, telemetry.time, telemetry.conditions),
+            Up::Telemetry(telemetry) => {
+                self.conditions_are(index, telemetry.time, telemetry.conditions);
+                self.came(index, now);
+            }
             // What it says of itself only.
             Up::Hello { .. } | Up::CommandAck { .. } | Up::Heartbeat | Up::SharedState(_) => {}
         }
@@ -359,7 +389,15 @@ impl ControlCenter {
         self.watch(now);
         self.change_keys(now);
         for drone in &mut self.drones {
-            drone.step(now, send)?;
+            match drone.step(now, send) {
+                Ok(()) => {}
+                // Others go on without it.
+                Err(DroneFailure::Unreachable { .. }) if self.plan.resweep.is_some() => {
+                    drone.give_up(now);
+                    self.events.push(OperatorEvent { time: now, drone: drone.id, what: Happening::Lost });
+                }
+                Err(failure) => return Err(failure.into()),
+            }
         }
         self.relaying.step(now, &mut self.drones, send);
         if self.stage == Stage::Sweep {
@@ -367,6 +405,30 @@ impl ControlCenter {
             self.solve_now_and_then()?;
         }
         self.advance(now)
+    }
+
+    /// Goes on at `now` in a new boot, after having been killed and made again of its [journal](crate::control::journal).
+    pub fn resume(&mut self, now: TimePs, boot_epoch: u16) {
+        self.plan.keys = self.plan.keys.at_boot(boot_epoch);
+        for drone in &mut self.drones {
+            drone.resume(now, &self.plan.keys);
+            self.events.push(OperatorEvent { time: now, drone: drone.id, what: Happening::Resumed });
+        }
+        self.again.clear();
+        (self.rekey_due, self.misplaced_since) = (None, None);
+    }
+
+    /// Users located so far, however well.
+    #[must_use]
+    pub fn users_heard(&self) -> usize {
+        self.running.len()
+    }
+
+    /// The longest that a drone in the air has been silent which does not count as lost.
+    #[must_use]
+    pub fn longest_silence(&self, now: TimePs) -> TimePs {
+        let aloft = self.drones.iter().filter(|link| link.lost.is_none() && link.in_the_air());
+        aloft.map(|link| link.silence(now)).max().unwrap_or_default()
     }
 
     /// Changes the keys of all links every so often.
@@ -469,7 +531,7 @@ impl ControlCenter {
         }
         let occasion = Occasion {
             user: entry.user,
-            clock_group: asked.fleet as u16,
+            clock_group: asked.clock_group,
             time_s: asked.at.0 as f64 * 1e-12,
             captures,
         };

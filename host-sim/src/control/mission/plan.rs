@@ -3,9 +3,9 @@
 use crate::{
     control::{
         airspace::Airspace, assemble::Assembly, keys::LinkKeys, localize::LocalizeConfig,
-        srs_schedule::SrsConfig,
+        srs_schedule::SrsConfig, sweep::SweepRequest,
     },
-    geometry::{V2, V3},
+    geometry::{V2, V3, region::Region},
 };
 use skyroost_protocol::{
     message::{Heading, Vertical},
@@ -51,10 +51,25 @@ pub struct MissionPlan {
     pub localize: LocalizeConfig,
     /// Every so often shared states are relayed.
     pub relay_period: TimePs,
+    /// What a sweep is planned from anew when drones fall out; none to go on as planned, whatever happens.
+    pub resweep: Option<Resweep>,
     /// What seals the links.
     pub keys: LinkKeys,
     /// Every so often the keys of the links are changed, if ever.
     pub rekey_period: Option<TimePs>,
+}
+
+/// What the rest of a sweep is planned from.
+#[derive(Clone, Debug)]
+pub struct Resweep {
+    /// All that is to be covered, and what is flown around.
+    pub region: Region,
+    /// How; fleets, proportions and entry points are those of the first plan.
+    pub request: SweepRequest,
+    /// Where fleets may meet: the airspace less the room of a triangle.
+    pub room: Airspace,
+    /// Distance that drones keep on ways that cross, metres.
+    pub passing_m: f64,
 }
 
 /// A drone of the mission.
@@ -75,6 +90,8 @@ pub struct PlannedFleet {
     pub mates: [DroneId; 3],
     /// Lanes of the triangle's centre, transit included.
     pub waypoints_m: Vec<V2>,
+    /// The clocks that its arrival times are measured by: its own, and never another three's.
+    pub clock_group: u16,
     /// Waypoints before the first lane: where it begins in formation, and corners on the way around no-fly zones.
     pub transit: usize,
 }

@@ -4,7 +4,6 @@ use super::{
     ControlCenter, MissionError, Stage, Station, Target,
     drone::{DroneLink, place_at},
     goals::{GoalConflict, conflict},
-    pos_m,
     refine::{Refinement, Seen},
 };
 use crate::{
@@ -18,36 +17,57 @@ use crate::{
 use nalgebra::Matrix2;
 use skyroost_protocol::{
     message::{Attached, Command, FlightPhase, MissionHeader, WAYPOINTS_PER_WALL},
-    units::{DroneId, MissionId, PosEnuMm, TimePs, UserId, mm_from_m},
+    units::{DroneId, FleetId, MissionId, PosEnuMm, TimePs, UserId, mm_from_m},
 };
 
 /// From the command to the common start of the lanes: time for two repetitions.
 const START_LEAD: TimePs = TimePs::from_ms(2_000);
 /// After the last lane reports of the last occasions still arrive.
 const COLLECT_FOR: TimePs = TimePs::from_ms(1_500);
-/// The only mission of a control center so far.
-const MISSION: MissionId = MissionId(1);
+/// Drones that were not heard of by then are gone without, where others make up a fleet.
+const CONNECT_FOR: TimePs = TimePs::from_ms(90_000);
+/// Where a drone that serves falls out or one comes back, all are placed anew after so long.
+const PLACE_AFTER: TimePs = TimePs::from_ms(15_000);
 
 impl ControlCenter {
     /// Ends the stage when what it waits for is there.
     pub(super) fn advance(&mut self, now: TimePs) -> Result<(), MissionError> {
+        let mends = matches!(self.stage, Stage::Upload | Stage::TakeOff | Stage::Assemble | Stage::Sweep);
+        if mends && self.mend(now)? {
+            return Ok(());
+        }
+        if self.progress.revision > 0 && self.stage <= Stage::Halt {
+            self.send_spare_home(now);
+        }
+        if matches!(self.stage, Stage::Deploy | Stage::Refine | Stage::Serve)
+            && self.is_placed_for_others(now)
+        {
+            return self.enter(Stage::Deploy, now);
+        }
         let next = match self.stage {
-            Stage::Connect => self.drones.iter().all(|d| d.connected).then_some(Stage::Upload),
-            Stage::Upload => self.drones.iter().all(DroneLink::idle).then_some(Stage::TakeOff),
+            Stage::Connect => self.all_connected(now).then_some(Stage::Upload),
+            Stage::Upload => self.members().all(DroneLink::idle).then_some(Stage::TakeOff),
             Stage::TakeOff => {
                 // Fleets that stand in formation take off in it.
                 let next = if self.plan.assembly.is_some() { Stage::Assemble } else { Stage::Sweep };
                 self.fleets_in(FlightPhase::Hold, now).then_some(next)
             }
             Stage::Assemble => {
-                self.check_sweepers(now)?;
+                let stuck = self.stuck_in_assembly(now);
+                if !stuck.is_empty() && self.may_replan() {
+                    return self.halt(now, stuck);
+                }
                 self.assembled(now).then_some(Stage::Sweep)
             }
             Stage::Sweep => {
-                self.check_sweepers(now)?;
                 let started = self.sweep_started.is_some_and(|start| now > start);
-                (started && self.swept(now)).then_some(Stage::Collect)
+                let flown = started && self.swept(now);
+                if flown && self.is_something_left() {
+                    return self.halt(now, Vec::new());
+                }
+                flown.then_some(Stage::Collect)
             }
+            Stage::Halt => self.halted(now),
             Stage::Collect => (now.since(self.stage_since) >= COLLECT_FOR).then_some(Stage::Deploy),
             Stage::Deploy => {
                 self.send_off(now);
@@ -62,16 +82,18 @@ impl ControlCenter {
         }
     }
 
-    fn enter(&mut self, stage: Stage, now: TimePs) -> Result<(), MissionError> {
+    pub(super) fn enter(&mut self, stage: Stage, now: TimePs) -> Result<(), MissionError> {
         self.stage = stage;
         self.stage_since = now;
         match stage {
             Stage::Connect | Stage::Assemble | Stage::Collect | Stage::Serve => {}
             Stage::Upload => self.upload(),
-            Stage::TakeOff => self.command_fleets(&Command::TakeOff),
+            Stage::TakeOff => self.take_off(),
+            Stage::Halt => self.begin_halt(),
             Stage::Sweep => {
                 let at = now.after(START_LEAD);
                 self.sweep_started = Some(at);
+                self.book_start(at);
                 self.command_fleets(&Command::StartSweep { at });
             }
             Stage::Deploy => self.locate_and_place()?,
@@ -87,6 +109,7 @@ impl ControlCenter {
         let limit_s = match self.stage {
             Stage::Serve => return Ok(()),
             Stage::Connect | Stage::Upload | Stage::Collect => 120.0,
+            Stage::Halt => 300.0,
             Stage::TakeOff => 120.0 + climb_s,
             Stage::Assemble => {
                 self.plan.assembly.as_ref().map_or(0.0, |assembly| {
@@ -122,8 +145,33 @@ impl ControlCenter {
         self.members().all(|link| link.phase(now).is_some_and(|phase| phase != FlightPhase::Sweep))
     }
 
-    /// A drone that turned home on its own ends the mission: its fleet cannot locate anybody.
-    fn check_sweepers(&self, now: TimePs) -> Result<(), MissionError> {
+    /// Whether all drones speak to this control center, or those have had time to that do not.
+    fn all_connected(&mut self, now: TimePs) -> bool {
+        if self.drones.iter().all(|link| link.connected) {
+            return true;
+        }
+        let enough = self.drones.iter().filter(|link| link.connected).count() >= 3;
+        if self.plan.resweep.is_none() || !enough || now.since(self.stage_since) < CONNECT_FOR {
+            return false;
+        }
+        self.drones.iter_mut().filter(|link| !link.connected).for_each(|link| link.give_up(now));
+        true
+    }
+
+    /// Whether drones that can serve have no place, or drones that have one cannot serve, and have not for a while.
+    fn is_placed_for_others(&mut self, now: TimePs) -> bool {
+        let living = self.living();
+        let misses = living != self.placed_for;
+        if !misses {
+            self.misplaced_since = None;
+            return false;
+        }
+        let since = *self.misplaced_since.get_or_insert(now);
+        !living.is_empty() && self.plan.resweep.is_some() && now.since(since) >= PLACE_AFTER
+    }
+
+    /// A drone that turned home on its own ends the mission where nothing can be planned anew: its fleet cannot locate anybody.
+    pub(super) fn check_sweepers(&self, now: TimePs) -> Result<(), MissionError> {
         for link in self.members() {
             if let (Some(phase), Some(telemetry)) = (link.phase(now), link.telemetry)
                 && matches!(phase, FlightPhase::ReturnHome | FlightPhase::Landing | FlightPhase::Grounded)
@@ -143,36 +191,53 @@ impl ControlCenter {
         }
     }
 
-    fn upload(&mut self) {
-        self.hand_out_fleet_keys();
-        let plan = &self.plan;
-        for (planned, link) in plan.drones.iter().zip(&mut self.drones) {
-            let fleet = planned.fleet.map(|(index, _)| &plan.fleets[index]);
-            let mut waypoints: Vec<[i32; 2]> = fleet.map_or_else(Vec::new, |f| {
-                f.waypoints_m
-                    .iter()
-                    .map(|p| [(p.x * 1e3).round() as i32, (p.y * 1e3).round() as i32])
-                    .collect()
-            });
-            waypoints.extend(&plan.walls_mm);
-            let header = MissionHeader {
-                mission: MISSION,
-                fleet: planned.fleet.map(|(index, _)| skyroost_protocol::units::FleetId(index as u16)),
-                mates: fleet.map_or([DroneId::CONTROL; 3], |f| f.mates),
-                slot: planned.fleet.map_or(0, |(_, slot)| slot),
-                spacing_mm: (plan.spacing_m * 1e3) as u32,
-                heading: plan.heading,
-                orientation_mrad: (plan.orientation_rad * 1e3).round() as i16,
-                speed_mmps: (plan.speed_mps * 1e3) as u16,
-                altitude_mm: (plan.altitude_m * 1e3) as u32,
-                home: PosEnuMm(planned.pad_m.map(|m| mm_from_m(m as f32)).into()),
-                waypoints: waypoints.len() as u16,
-                d_safe_mm: (plan.d_safe_m * 1e3) as u16,
-                walls: (plan.walls_mm.len() / WAYPOINTS_PER_WALL) as u16,
-                vertical: plan.vertical,
-            };
-            link.upload(header, waypoints);
+    /// Those of the fleets that stand on the ground take off.
+    fn take_off(&mut self) {
+        for (planned, link) in self.plan.drones.iter().zip(&mut self.drones) {
+            if planned.fleet.is_some() && link.lost.is_none() && !link.in_the_air() {
+                link.command(Command::TakeOff);
+            }
         }
+    }
+
+    /// Gives the mission to the fleets, and to all others while they have none.
+    fn upload(&mut self) {
+        let mission = self.mission();
+        for drone in 0..self.drones.len() {
+            let needs = self.plan.drones[drone].fleet.is_some() || self.progress.revision == 0;
+            if needs && self.drones[drone].lost.is_none() {
+                self.commission(drone, mission);
+            }
+        }
+        // Not before: the key makes mates forget whom they heard in a place of the fleet that another has now.
+        self.hand_out_fleet_keys();
+    }
+
+    /// Uploads what a drone has to know: its home and the walls, and with a fleet its lanes.
+    pub(super) fn commission(&mut self, drone: usize, mission: MissionId) {
+        let (plan, planned) = (&self.plan, &self.plan.drones[drone]);
+        let fleet = planned.fleet.map(|(index, _)| &plan.fleets[index]);
+        let point_mm = |p: &V2| [(p.x * 1e3).round() as i32, (p.y * 1e3).round() as i32];
+        let mut waypoints: Vec<[i32; 2]> =
+            fleet.map_or_else(Vec::new, |f| f.waypoints_m.iter().map(point_mm).collect());
+        waypoints.extend(&plan.walls_mm);
+        let header = MissionHeader {
+            mission,
+            fleet: planned.fleet.map(|(index, _)| FleetId(index as u16)),
+            mates: fleet.map_or([DroneId::CONTROL; 3], |f| f.mates),
+            slot: planned.fleet.map_or(0, |(_, slot)| slot),
+            spacing_mm: (plan.spacing_m * 1e3) as u32,
+            heading: plan.heading,
+            orientation_mrad: (plan.orientation_rad * 1e3).round() as i16,
+            speed_mmps: (plan.speed_mps * 1e3) as u16,
+            altitude_mm: (plan.altitude_m * 1e3) as u32,
+            home: PosEnuMm(planned.pad_m.map(|m| mm_from_m(m as f32)).into()),
+            waypoints: waypoints.len() as u16,
+            d_safe_mm: (plan.d_safe_m * 1e3) as u16,
+            walls: (plan.walls_mm.len() / WAYPOINTS_PER_WALL) as u16,
+            vertical: plan.vertical,
+        };
+        self.drones[drone].upload(header, waypoints);
     }
 
     /// Drones of a fleet talk to each other under a key of their own.
@@ -182,7 +247,8 @@ impl ControlCenter {
         }
         for fleet in &self.plan.fleets {
             let key = self.plan.keys.fresh();
-            for drone in self.drones.iter_mut().filter(|drone| fleet.mates.contains(&drone.id)) {
+            let mates = self.drones.iter_mut().filter(|drone| fleet.mates.contains(&drone.id));
+            for drone in mates.filter(|drone| drone.lost.is_none()) {
                 drone.command(Command::PeerKey(key.clone()));
             }
         }
@@ -192,7 +258,11 @@ impl ControlCenter {
     fn locate_and_place(&mut self) -> Result<(), MissionError> {
         self.localization = localize(&self.occasions, &self.plan.localize)?;
         let beliefs: Vec<UserBelief> = self.beliefs().map(|(_, belief)| belief).collect();
-        let drones = self.living().len();
+        let living = self.living();
+        let drones = living.len();
+        (self.placed_for, self.misplaced_since) = (living, None);
+        self.legs.iter_mut().for_each(|leg| *leg = None);
+        self.refinement = None;
         if drones == 0 {
             return Err(MissionError::NobodyLeft);
         }
@@ -220,7 +290,8 @@ impl ControlCenter {
         let planned = planned.filter_map(|(index, site)| Some((index, site.as_ref()?.pos_m)));
         let (indices, asked_m): (Vec<usize>, Vec<V2>) = planned.unzip();
         // A site where no drone may be is moved to the nearest place where one may.
-        let settled = self.plan.airspace.settled(&asked_m, self.plan.min_goal_distance_m);
+        let settled =
+            self.plan.airspace.settled(&asked_m, self.plan.min_goal_distance_m, &self.lost_places());
         let sites: Vec<(usize, V2)> =
             indices.into_iter().zip(settled).filter_map(|(index, at)| Some((index, at?))).collect();
         let goals: Vec<V2> = sites.iter().map(|(_, pos_m)| *pos_m).collect();
@@ -240,11 +311,6 @@ impl ControlCenter {
         conflict(&goals, self.plan.d_plan_m).map_or(Ok(()), Err)
     }
 
-    /// Where a drone is; a reserve that never flew is on its pad.
-    fn drone_pos_m(&self, drone: usize) -> V2 {
-        self.drones[drone].state.map_or(self.plan.drones[drone].pad_m, |s| pos_m(&s.pos)).xy()
-    }
-
     fn longest_flight_m(&self) -> f64 {
         let way_m = |t: &Target| t.station.map(|s| (s.pos_m - self.drone_pos_m(t.drone)).norm());
         self.targets.iter().filter_map(way_m).fold(0.0, f64::max) + 10_000.0
@@ -253,16 +319,28 @@ impl ControlCenter {
     /// Sends every drone that is ready to its site, or home, from corner to corner around obstacles: reserves climb
     /// first.
     fn send_off(&mut self, now: TimePs) {
-        let plan = &self.plan;
+        let (plan, mut forgetful, mut stuck) = (&self.plan, Vec::new(), Vec::new());
         for target in &self.targets() {
             let from_m = self.drone_pos_m(target.drone);
             let (drone, leg) = (&mut self.drones[target.drone], &mut self.legs[target.drone]);
             let goal_m = target.station.map_or(plan.drones[target.drone].pad_m.xy(), |station| station.pos_m);
+            if let Some(short_of) = drone.stands_short(now) {
+                // Somebody keeps it from its place for good, and who stands here serves from here.
+                if leg.is_some_and(|leg| (leg - short_of).norm() < 0.01) && target.station.is_some() {
+                    stuck.push((target.drone, from_m));
+                }
+            }
             // Something keeps it from going on: there may be another way from where it stands.
             let barred = |leg: &Option<V2>| {
                 drone.stands() && leg.is_some_and(|leg_m| !plan.airspace.is_free(from_m, leg_m))
             };
-            let ready = match drone.phase(now) {
+            let phase = drone.phase(now);
+            // Its board started anew: it does not know where home is.
+            if phase.is_some() && drone.telemetry.is_some_and(|t| t.mission.is_none()) {
+                forgetful.push(target.drone);
+                continue;
+            }
+            let ready = match phase {
                 Some(FlightPhase::Grounded) if target.station.is_some() => {
                     drone.command(Command::TakeOff);
                     false
@@ -278,6 +356,16 @@ impl ControlCenter {
                 let home = target.station.is_none() && next_m == goal_m;
                 drone.command(if home { Command::ReturnHome } else { place_at(next_m, plan.altitude_m) });
             }
+        }
+        for (drone, here_m) in stuck {
+            let targets = self.targets.iter_mut().filter(|target| target.drone == drone);
+            targets.filter_map(|target| target.station.as_mut()).for_each(|station| station.pos_m = here_m);
+            self.legs[drone] = Some(here_m);
+            self.drones[drone].command(place_at(here_m, self.plan.altitude_m));
+        }
+        for drone in forgetful {
+            self.plan.drones[drone].fleet = None;
+            self.commission(drone, self.mission());
         }
     }
 
@@ -326,10 +414,13 @@ impl ControlCenter {
             Some(_) => Seen::Left,
         };
         let seen: Vec<Seen> = self.stations().map(seen).collect();
+        let lost = self.lost_places();
         let mut stations: Vec<(usize, &mut Station)> =
             self.targets.iter_mut().filter_map(|t| Some((t.drone, t.station.as_mut()?))).collect();
         let airspace = &self.plan.airspace;
-        let free = |from_m: V2, to_m: V2| airspace.allows(to_m) && airspace.is_free(from_m, to_m);
+        let free = |from_m: V2, to_m: V2| {
+            airspace.allows(to_m) && airspace.is_free(from_m, to_m) && lost.iter().all(|it| it.allows(to_m))
+        };
         let done = refinement.step(now, &seen, free, |station, to_m| {
             let (drone, station) = &mut stations[station];
             station.pos_m = to_m;

@@ -34,6 +34,13 @@ pub enum Happening {
     Lost,
     /// A lost drone was heard again.
     HeardAgain,
+    /// The control center was killed, and goes on with this drone.
+    Resumed,
+    /// The drone refuses a command that does not go with what it does.
+    Refused {
+        /// Which.
+        command: &'static str,
+    },
 }
 
 impl ControlCenter {
@@ -85,17 +92,20 @@ impl ControlCenter {
         self.drones.iter().filter_map(|drone| Some((drone.id, drone.lost?)))
     }
 
-    /// Indices of the drones that are not lost.
+    /// Indices of the drones that can serve.
     pub(super) fn living(&self) -> Vec<usize> {
-        let drones = self.drones.iter().enumerate();
-        drones.filter(|(_, drone)| drone.lost.is_none()).map(|(index, _)| index).collect()
+        (0..self.drones.len()).filter(|&drone| self.can_serve(drone)).collect()
+    }
+
+    /// Links of the drones in fleets.
+    pub(super) fn every_member(&self) -> impl Iterator<Item = &DroneLink> {
+        let drones = self.plan.drones.iter().zip(&self.drones);
+        drones.filter(|(planned, _)| planned.fleet.is_some()).map(|(_, link)| link)
     }
 
     /// Links of the drones in fleets, those that are lost left out.
     pub(super) fn members(&self) -> impl Iterator<Item = &DroneLink> {
-        let drones = self.plan.drones.iter().zip(&self.drones);
-        let members = drones.filter(|(planned, _)| planned.fleet.is_some()).map(|(_, link)| link);
-        members.filter(|link| link.lost.is_none())
+        self.every_member().filter(|link| link.lost.is_none())
     }
 
     /// Who was sent where, of those that are not lost.
@@ -148,6 +158,7 @@ mod tests {
             srs: SrsConfig::default(),
             localize: LocalizeConfig::default(),
             relay_period: TimePs::from_ms(relay_ms),
+            resweep: None,
             keys: LinkKeys::none(),
             rekey_period: None,
         })

@@ -212,6 +212,10 @@ impl Board for Emulator {
         self.with_bus(|bus| bus.end_step(outputs))
     }
 
+    fn restart(&mut self, config: AgentConfig, key: Option<Key>) -> Result<(), BoardError> {
+        self.with_bus(|bus| bus.begin(&config, key))
+    }
+
     fn report(&mut self) -> Result<BoardReport, BoardError> {
         let (report, counted) = self.with_bus(|bus| Ok((bus.report()?, *bus.counters())))?;
         let Report { counters, link, steps, worst_step_cost, stack_used } = report;

@@ -1,6 +1,7 @@
 //! The stadium: all points within a radius of a segment; what a disk sweeps over on a straight leg.
 
-use super::super::V2;
+use super::super::{V2, polygon::Polygon};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// All points within `radius_m` of the segment from `a` to `b`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +31,35 @@ impl Stadium {
     #[must_use]
     pub fn axis_distance_m(&self, p: V2) -> f64 {
         (p - self.foot(p)).norm()
+    }
+
+    /// A polygon within the stadium whose border is nowhere further from the stadium's than `within_m`, anticlockwise; none where the
+    /// radius is not above that.
+    #[must_use]
+    pub fn inscribed(&self, within_m: f64) -> Option<Polygon> {
+        if !(within_m > 0.0 && self.radius_m > within_m) {
+            return None;
+        }
+        let axis = self.b - self.a;
+        let heading = axis.y.atan2(axis.x);
+        // A chord over the angle t is r (1 - cos(t / 2)) within its arc.
+        let step = 2.0 * (1.0 - within_m / self.radius_m).acos();
+        let chords = (PI / step).ceil().max(2.0);
+        let half_turn = |centre: V2, from: f64| {
+            (0..=chords as usize).map(move |k| {
+                let angle = from + PI * k as f64 / chords;
+                centre + V2::new(angle.cos(), angle.sin()) * self.radius_m
+            })
+        };
+        let ring = half_turn(self.b, heading - FRAC_PI_2).chain(half_turn(self.a, heading + FRAC_PI_2));
+        let mut ring: Vec<V2> = ring.collect();
+        ring.dedup_by(|a, b| (*a - *b).norm() < 1e-6);
+        if let (Some(first), Some(last)) = (ring.first(), ring.last())
+            && (first - last).norm() < 1e-6
+        {
+            ring.pop();
+        }
+        Polygon::new(&ring).ok()
     }
 
     /// Whether all the points lie in the stadium; for the corners of a convex shape, whether all of it does.
