@@ -148,6 +148,7 @@ impl Drone {
             second: pulse.second as i32,
         });
         inputs.timer_ticks = self.clock.ticks(now_ps, self.tick_hz) as u32;
+        inputs.in_air = self.vehicle.motion() != Motion::Grounded;
         inputs.battery_permille = self.battery.charge_permille();
         for capture in self.captured.drain(..) {
             if inputs.captures.push(capture).is_err() {
