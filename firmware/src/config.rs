@@ -20,6 +20,10 @@ const BASEBAND: Oscillator = Oscillator {
     pulse_ps: 20_000,
 };
 
+/// What a drone without a mission keeps from everybody, metres: the paper's `d_safe`, which missions have unless their scenario says
+/// otherwise. Only a board that starts anew in the air flies without one.
+const D_SAFE_M: f32 = 10.0;
+
 /// Constants of one drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AgentConfig {
@@ -33,6 +37,8 @@ pub struct AgentConfig {
     pub srs_symbols: u8,
     /// Time between two states shared for avoidance.
     pub share_period: TimePs,
+    /// Separation to keep from everybody as long as there is no mission to say it, metres.
+    pub d_safe_m: f32,
     /// What the airframe can do.
     pub limits: FlightLimits,
     /// When the supervisor steps in.
@@ -49,6 +55,7 @@ impl AgentConfig {
             oscillator: BASEBAND,
             srs_symbols: 1,
             share_period: TimePs::from_ms(100),
+            d_safe_m: D_SAFE_M,
             limits: FlightLimits::COPTER,
             supervisor: SupervisorConfig::USUAL,
         }

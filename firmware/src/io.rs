@@ -26,6 +26,9 @@ pub const MAX_GATES_PER_STEP: usize = 16;
 pub struct Inputs {
     /// Navigation solution of the autopilot; none while it has none.
     pub nav: Option<NavFix>,
+    /// Whether the autopilot says that the vehicle flies (`EXTENDED_SYS_STATE` of MAVLink: any landed state but undefined and on the
+    /// ground). Where it says nothing, false.
+    pub in_air: bool,
     /// Value of the wrapping SRS capture counter at this step.
     pub timer_ticks: u32,
     /// The pulse per second that the same counter captured since the last step, if there was one.
@@ -52,6 +55,7 @@ impl Inputs {
     pub const fn new() -> Self {
         Self {
             nav: None,
+            in_air: false,
             timer_ticks: 0,
             pulse: None,
             captures: Vec::new(),

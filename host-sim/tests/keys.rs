@@ -112,6 +112,51 @@ fn a_drone_is_given_its_key_or_an_open_link() {
     bench.refused(&["export", "fleet.keys", "--drone", "9", "--out", "nine.bin"], &["no key for drone 9"]);
 }
 
+fn export(bench: &Bench, out: &str) -> support::Ran {
+    bench.run(&["keys", "export", "fleet.keys", "--drone", "2", "--out", out])
+}
+
+/// Whether each was exported, by `keys show`.
+fn exported(bench: &Bench) -> Vec<bool> {
+    let drones = shown(bench)["drones"].as_array().unwrap().clone();
+    drones.iter().map(|drone| drone["exported"].as_bool().unwrap()).collect()
+}
+
+#[test]
+fn a_key_is_exported_once_and_then_another() {
+    let bench = bench();
+    assert_eq!(exported(&bench), [false; 3]);
+    assert_eq!(export(&bench, "first.bin").code, Some(0));
+    assert_eq!(exported(&bench), [false, true, false]);
+    assert_eq!(bench.run(&["keys", "show", "fleet.keys"]).stdout.matches("exported").count(), 1);
+    let text = fs::read(bench.path("fleet.keys")).unwrap();
+    bench.refused(
+        &["export", "fleet.keys", "--drone", "2", "--out", "again.bin"],
+        &["the key of drone 2 was exported already", "keys renew"],
+    );
+    assert!(!bench.path("again.bin").exists());
+    assert_eq!(fs::read(bench.path("fleet.keys")).unwrap(), text);
+    // An open link repeats nothing, and says nothing of the key.
+    let open = ["keys", "export", "fleet.keys", "--drone", "2", "--out", "open.bin", "--unauthenticated"];
+    assert_eq!(bench.run(&open).code, Some(0));
+    assert_eq!(bench.run(&["keys", "renew", "fleet.keys", "--drone", "2"]).code, Some(0));
+    assert_eq!(exported(&bench), [false; 3]);
+    assert_eq!(export(&bench, "second.bin").code, Some(0));
+    assert_ne!(fs::read(bench.path("first.bin")).unwrap(), fs::read(bench.path("second.bin")).unwrap());
+    assert_eq!(mode(&bench.path("fleet.keys")), 0o600);
+}
+
+#[test]
+fn an_export_that_cannot_be_written_has_given_nothing() {
+    let bench = bench().file("taken.bin", "");
+    let text = fs::read(bench.path("fleet.keys")).unwrap();
+    for (out, expected) in [("taken.bin", "is there already"), ("nowhere/drone-2.bin", "No such file")] {
+        bench.refused(&["export", "fleet.keys", "--drone", "2", "--out", out], &[out, expected]);
+        assert_eq!(fs::read(bench.path("fleet.keys")).unwrap(), text);
+    }
+    assert_eq!(export(&bench, "drone-2.bin").code, Some(0));
+}
+
 #[test]
 fn a_renewed_key_is_another() {
     let bench = bench();

@@ -6,7 +6,7 @@ use crate::{
     guidance::{Reference, formation::Slot, goto, lanes::Lanes, limited, steadying, track, zigzag::Zigzag},
     io::NavFix,
     scalar::greater,
-    supervisor::Action,
+    supervisor::{Action, low_ms},
 };
 use heapless::Vec;
 use skyroost_protocol::{
@@ -73,19 +73,38 @@ impl Mission {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Mode {
     Grounded,
-    TakeOff { above_m: Vec3 },
-    Hold { at_m: Vec3 },
-    Sweep { start: TimePs },
-    GoTo { goal_m: Vec3 },
-    Serve { goal_m: Vec3 },
+    TakeOff {
+        above_m: Vec3,
+    },
+    /// Where, is unknown as long as a drone that started in the air has had no fix.
+    Hold {
+        at_m: Option<Vec3>,
+    },
+    Sweep {
+        start: TimePs,
+    },
+    GoTo {
+        goal_m: Vec3,
+    },
+    Serve {
+        goal_m: Vec3,
+    },
     ReturnHome,
-    Landing { at_m: Option<Vec3> },
+    Landing {
+        at_m: Option<Vec3>,
+    },
 }
 
 /// The flight in progress.
 #[derive(Clone, Debug)]
 pub(super) struct Flight {
     mode: Mode,
+    /// Whether the vehicle flies, as the autopilot says.
+    in_air: bool,
+    /// Whether it is settled that the drone started in the air or on the ground: from then on only its own flight decides.
+    settled: bool,
+    /// Since when a drone that started in the air looks for its place, in low milliseconds.
+    since_ms: u32,
     pub(super) zigzag: Zigzag,
     /// Distance from the slot or goal, metres.
     pub(super) track_error_m: f32,
@@ -105,10 +124,13 @@ pub(super) struct Flight {
 }
 
 impl Flight {
-    /// On the ground.
+    /// On the ground, until the first inputs say otherwise.
     pub(super) const fn new() -> Self {
         Self {
             mode: Mode::Grounded,
+            in_air: false,
+            settled: false,
+            since_ms: 0,
             zigzag: Zigzag::new(),
             track_error_m: 0.0,
             lag_m: 0.0,
@@ -153,6 +175,29 @@ impl Flight {
         self.mode != Mode::Grounded
     }
 
+    /// Takes in whether the vehicle flies. A drone that starts in the air, as its board was reset, holds where it is: nobody else
+    /// keeps its motors running. True in the step in which it finds itself there.
+    ///
+    /// Once it has started, what it did by itself counts: one that has landed stays on the ground though the autopilot needs a
+    /// moment to see it.
+    pub(super) fn starts(&mut self, now: TimePs, in_air: bool, fix: Option<&NavFix>) -> bool {
+        self.in_air = in_air;
+        if self.settled || !(in_air || fix.is_some()) {
+            return false;
+        }
+        (self.settled, self.since_ms) = (true, low_ms(now));
+        if in_air {
+            self.enter(Mode::Hold { at_m: None });
+            self.blind = true; // until now
+        }
+        in_air
+    }
+
+    /// For how long a drone that has not had a fix yet looks for its place, milliseconds.
+    pub(super) fn searching_ms(&self, now: TimePs) -> u32 {
+        low_ms(now).wrapping_sub(self.since_ms)
+    }
+
     pub(super) fn take_off(&mut self, nav: &NavFix, mission: &Mission) {
         self.enter(Mode::TakeOff {
             above_m: Vec3::new(nav.pos_enu_m.x, nav.pos_enu_m.y, mission.altitude_m),
@@ -160,7 +205,7 @@ impl Flight {
     }
 
     pub(super) fn hold(&mut self, at_m: Vec3) {
-        self.enter(Mode::Hold { at_m });
+        self.enter(Mode::Hold { at_m: Some(at_m) });
     }
 
     pub(super) fn start_sweep(&mut self, start: TimePs) {
@@ -204,17 +249,20 @@ impl Flight {
         action: Action,
     ) -> (Vec3, Vec3) {
         if core::mem::take(&mut self.blind) {
-            self.sees_again(nav);
+            self.sees_again(nav, limits);
         }
+        // Without a mission nobody knows where home is.
+        let action = match action {
+            Action::ReturnHome if mission.is_none() => Action::Land,
+            action => action,
+        };
         self.submit(&nav.pos_enu_m, action);
-        let (wanted, accel) = match (self.held_at_m, mission) {
-            (None, Some(mission)) => self.by_mode(now, nav, mission, lanes, limits),
-            (Some(at_m), _) => (
+        let (wanted, accel) = match self.held_at_m {
+            None => self.by_mode(now, nav, mission, lanes, limits),
+            Some(at_m) => (
                 goto::velocity(&nav.pos_enu_m, &at_m, limits.max_speed_mps, limits.max_vertical_mps),
                 Vec3::zeros(),
             ),
-            // Airborne without a mission cannot be; standing still is the safe answer.
-            (None, None) => (Vec3::zeros(), Vec3::zeros()),
         };
         let wanted = match self.mode {
             Mode::Sweep { .. } if self.held_at_m.is_none() => wanted,
@@ -239,10 +287,23 @@ impl Flight {
         wanted
     }
 
-    /// A landing on the spot goes on here: nobody knows how far the drone drifted.
-    fn sees_again(&mut self, nav: &NavFix) {
-        if let Mode::Landing { at_m: Some(at_m) } = &mut self.mode {
-            *at_m = nav.pos_enu_m;
+    /// A landing on the spot goes on here: nobody knows how far the drone drifted. One that started in the air holds here, slowing
+    /// down gently from what it flew.
+    fn sees_again(&mut self, nav: &NavFix, limits: &FlightLimits) {
+        match &mut self.mode {
+            Mode::Landing { at_m: Some(at_m) } => *at_m = nav.pos_enu_m,
+            Mode::Hold { at_m: at_m @ None } => {
+                *at_m = Some(nav.pos_enu_m);
+                self.last_wanted = limited(nav.vel_enu_mps, limits.max_speed_mps);
+            }
+            _ => {}
+        }
+    }
+
+    /// A landing without a mission, which would know the ground's height, ends when the autopilot no longer says that the vehicle flies.
+    pub(super) fn touches_down(&mut self) {
+        if matches!(self.mode, Mode::Landing { .. }) && !self.in_air {
+            self.enter(Mode::Grounded);
         }
     }
 
@@ -269,27 +330,32 @@ impl Flight {
         &mut self,
         now: TimePs,
         nav: &NavFix,
-        mission: &Mission,
+        mission: Option<&Mission>,
         lanes: &Lanes,
         limits: &FlightLimits,
     ) -> (Vec3, Vec3) {
         let pos_m = &nav.pos_enu_m;
-        let fly = |goal_m: &Vec3| goto::velocity(pos_m, goal_m, mission.speed_mps, limits.max_vertical_mps);
+        let speed_mps = mission.map_or(limits.max_speed_mps, |mission| mission.speed_mps);
+        let fly = |goal_m: &Vec3| goto::velocity(pos_m, goal_m, speed_mps, limits.max_vertical_mps);
         let still = |v: Vec3| (v, Vec3::zeros());
         match self.mode {
             Mode::Grounded => still(Vec3::zeros()),
             Mode::TakeOff { above_m } => {
                 if libm::fabsf(above_m.z - pos_m.z) < CLIMBED_WITHIN_M {
-                    self.enter(Mode::Hold { at_m: above_m });
+                    self.hold(above_m);
                 }
                 self.track_error_m = (above_m - pos_m).norm();
                 still(fly(&above_m))
             }
             Mode::Hold { at_m } => {
+                let at_m = at_m.unwrap_or(*pos_m);
                 self.track_error_m = (at_m - pos_m).norm();
                 still(fly(&at_m))
             }
-            Mode::Sweep { start } => self.sweep(now, nav, mission, lanes, start),
+            Mode::Sweep { start } => match mission {
+                Some(mission) => self.sweep(now, nav, mission, lanes, start),
+                None => still(Vec3::zeros()),
+            },
             Mode::GoTo { goal_m } | Mode::Serve { goal_m } => {
                 self.track_error_m = (goal_m - pos_m).norm();
                 if matches!(self.mode, Mode::GoTo { .. }) && goto::arrived(pos_m, &nav.vel_enu_mps, &goal_m) {
@@ -299,7 +365,7 @@ impl Flight {
                 still(fly(&goal_m))
             }
             Mode::ReturnHome => {
-                let above_m = Vec3::new(mission.home_m.x, mission.home_m.y, mission.altitude_m);
+                let above_m = mission.map_or(*pos_m, |m| Vec3::new(m.home_m.x, m.home_m.y, m.altitude_m));
                 self.track_error_m = (above_m - pos_m).norm();
                 if goto::arrived(pos_m, &nav.vel_enu_mps, &above_m) {
                     self.enter(Mode::Landing { at_m: None });
@@ -307,11 +373,12 @@ impl Flight {
                 still(fly(&above_m))
             }
             Mode::Landing { at_m } => {
-                let pad_m = at_m.unwrap_or(mission.home_m);
+                let home_m = mission.map(|mission| mission.home_m);
+                let pad_m = at_m.or(home_m).unwrap_or(*pos_m);
                 let below = Vec3::new(pad_m.x, pad_m.y, pos_m.z);
                 let mut v = fly(&below);
                 v.z = -LANDING_MPS;
-                if pos_m.z - mission.home_m.z < LANDED_BELOW_M {
+                if home_m.is_some_and(|home_m| pos_m.z - home_m.z < LANDED_BELOW_M) {
                     self.enter(Mode::Grounded);
                 }
                 still(v)
@@ -346,7 +413,7 @@ impl Flight {
         self.lag_m = if self.avoiding { greater(ahead.dot(&error), 0.0) } else { self.track_error_m };
         self.arm_m = (reference.pos_enu_m.xy() - point.pos_m).push(0.0);
         if self.zigzag.done(lanes) {
-            self.enter(Mode::Hold { at_m: reference.pos_enu_m });
+            self.hold(reference.pos_enu_m);
             self.report(EventCode::SweepDone, now.since(start).as_secs_f32() as u32);
         }
         (track(nav, &reference), reference.accel_enu_mps2 + steadying(nav, &reference))

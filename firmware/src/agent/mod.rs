@@ -140,6 +140,13 @@ impl FlightAgent {
     pub fn step(&mut self, now: TimePs, inputs: &Inputs, outputs: &mut Outputs) {
         self.receive(now, inputs, outputs);
         let fix = self.estimate(now, inputs, outputs);
+        if self.flight.starts(now, inputs.in_air, fix.as_ref()) {
+            // Nobody can have said anything yet.
+            self.links.control_heard = now;
+        }
+        if self.mission.is_none() {
+            self.flight.touches_down();
+        }
         let action = self.supervise(now, fix.as_ref(), outputs);
         outputs.setpoint = match fix {
             _ if !self.flight.airborne() => Setpoint::REST,
@@ -204,10 +211,10 @@ impl FlightAgent {
         let mission = self.mission.as_ref();
         let (wanted, accel) = self.flight.wanted(now, nav, mission, &self.lanes, limits, action);
         let separation = Separation {
-            d_safe_m: self.mission.as_ref().map_or(0.0, |m| m.d_safe_m),
+            d_safe_m: mission.map_or(self.config.d_safe_m, |m| m.d_safe_m),
             own_error_m: nav.error_radius_m,
             max_speed_mps: limits.max_speed_mps,
-            vertical: self.mission.as_ref().map_or_else(Default::default, |m| m.header.vertical),
+            vertical: mission.map_or_else(Default::default, |m| m.header.vertical),
             manner: self.manner(),
             arm_m: self.flight.arm_m(),
         };

@@ -116,9 +116,12 @@ impl FlightAgent {
             (vitals.lacking_mps, vitals.fence) = (Vec2::zeros(), FenceWatch::new());
             return;
         }
-        let (Some(nav), Some(mission)) = (fix, &self.mission) else { return };
-        let walls = self.lanes.walls_from(usize::from(vitals.fence.next));
-        vitals.fence.look(&nav.pos_enu_m, &mission.home_m, walls);
+        let Some(nav) = fix else { return };
+        // Walls come with a mission.
+        if let Some(mission) = &self.mission {
+            let walls = self.lanes.walls_from(usize::from(vitals.fence.next));
+            vitals.fence.look(&nav.pos_enu_m, &mission.home_m, walls);
+        }
         // Whoever avoids does not fly as guidance wants.
         if self.flight.avoiding {
             vitals.lacking_mps = Vec2::zeros();
@@ -142,7 +145,7 @@ impl FlightAgent {
             link_silent_ms: ago_ms(now, self.links.control_heard),
             mates_silent_ms: sweep.and_then(|start| Some(ago_ms(now, self.mates_heard(start)?))),
             clock: *clock,
-            nav_silent_ms: ago_ms(now, self.nav.map_or(TimePs(0), |(at, _)| at)),
+            nav_silent_ms: self.nav.map_or_else(|| self.flight.searching_ms(now), |(at, _)| ago_ms(now, at)),
             nav_error_mm: millimetres(error_m),
             battery_permille: self.battery_permille,
             fence: fence

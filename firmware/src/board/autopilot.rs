@@ -16,7 +16,7 @@ use skyroost_protocol::{
 };
 
 /// First byte of a message to the board; with it, the version of these messages.
-pub const FROM_AUTOPILOT: u8 = 0xa1;
+pub const FROM_AUTOPILOT: u8 = 0xa2;
 /// First byte of a message of the board.
 pub const TO_AUTOPILOT: u8 = 0xb2;
 /// Most users in one message.
@@ -33,10 +33,12 @@ pub enum FromAutopilot {
         /// The mission's epoch, in seconds of GPS time.
         epoch_gps_s: i64,
     },
-    /// Navigation solution, at 50 Hz.
+    /// Navigation solution and state of the vehicle, at 50 Hz.
     Nav {
         /// None while there is none.
         nav: Option<WireNav>,
+        /// Whether the vehicle flies: what [`Inputs::in_air`](crate::io::Inputs::in_air) says.
+        in_air: bool,
         /// Charge of the battery, per mille.
         battery_permille: u16,
     },
@@ -174,7 +176,7 @@ mod tests {
         let user = AttachedUser { user: UserId(u32::MAX), timing_advance: u16::MAX };
         for message in [
             FromAutopilot::Configure { drone: DroneId(4096), epoch_gps_s: i64::MIN },
-            FromAutopilot::Nav { nav: None, battery_permille: 1000 },
+            FromAutopilot::Nav { nav: None, in_air: true, battery_permille: 1000 },
             FromAutopilot::Second { gps_s: i64::MAX },
             FromAutopilot::Attached([user; MAX_ATTACHED_PART].into()),
         ] {

@@ -33,7 +33,7 @@ use skyroost_protocol::{
 };
 
 /// Version of the bus; with the radio's schema hash it says whether host and image understand each other.
-pub const BUS_VERSION: u16 = 4;
+pub const BUS_VERSION: u16 = 5;
 
 /// Most bytes of the radio in one message.
 pub const MAX_RADIO_PART: usize = 200;
@@ -106,6 +106,7 @@ pub struct WireConfig {
     pulse_ps: u32,
     srs_symbols: u8,
     share_period: TimePs,
+    d_safe_m: f32,
     max_speed_mps: f32,
     max_accel_mps2: f32,
     max_vertical_mps: f32,
@@ -127,8 +128,16 @@ pub struct WireConfig {
 impl From<&AgentConfig> for WireConfig {
     fn from(config: &AgentConfig) -> Self {
         // Named in full, so that a new constant cannot be forgotten.
-        let AgentConfig { id, boot_epoch, oscillator, srs_symbols, share_period, limits, supervisor } =
-            *config;
+        let AgentConfig {
+            id,
+            boot_epoch,
+            oscillator,
+            srs_symbols,
+            share_period,
+            d_safe_m,
+            limits,
+            supervisor,
+        } = *config;
         let Oscillator { rate, tolerance_ppb, walk_ps, wander_fs_per_s2, pulse_ps } = oscillator;
         let FlightLimits { max_speed_mps, max_accel_mps2, max_vertical_mps } = limits;
         let SupervisorConfig {
@@ -158,6 +167,7 @@ impl From<&AgentConfig> for WireConfig {
             pulse_ps,
             srs_symbols,
             share_period,
+            d_safe_m,
             max_speed_mps,
             max_accel_mps2,
             max_vertical_mps,
@@ -194,6 +204,7 @@ impl WireConfig {
             },
             srs_symbols: self.srs_symbols,
             share_period: self.share_period,
+            d_safe_m: self.d_safe_m,
             limits: FlightLimits {
                 max_speed_mps: self.max_speed_mps,
                 max_accel_mps2: self.max_accel_mps2,
@@ -225,6 +236,8 @@ pub struct StepHead {
     pub now: TimePs,
     /// The navigation solution, if there is one.
     pub nav: Option<WireNav>,
+    /// Whether the vehicle flies.
+    pub in_air: bool,
     /// Value of the capture timer.
     pub timer_ticks: u32,
     /// The pulse per second, if there was one.
@@ -559,8 +572,14 @@ mod tests {
             let odd = f32::from_bits(bits);
             let nav = WireNav { pos_enu_m: [odd; 3], vel_enu_mps: [odd; 3], error_radius_m: odd };
             let pulse = Some(WirePulse { ticks: u32::MAX, second: i32::MIN });
-            let head =
-                StepHead { now: TimePs(-1), nav: Some(nav), timer_ticks: 1, pulse, battery_permille: 2 };
+            let head = StepHead {
+                now: TimePs(-1),
+                nav: Some(nav),
+                in_air: true,
+                timer_ticks: 1,
+                pulse,
+                battery_permille: 2,
+            };
             let payload = payload_of(&ToBoard::Step { step: 1, parts: 0, have: 0, attempt: 0, head });
             let Some(ToBoard::Step { head, .. }) = decode(&payload) else { panic!("another message") };
             let fix = NavFix::from(head.nav.expect("a fix"));
@@ -574,6 +593,7 @@ mod tests {
         let mut config = AgentConfig::new(DroneId(7));
         config.oscillator.walk_ps = 77;
         config.srs_symbols = 4;
+        config.d_safe_m = 7.5;
         config.limits.max_speed_mps = 3.25;
         config.supervisor.nav_lost_ms = 77;
         config.supervisor.wind_act_mmps = 78;

@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     fn nav() -> FromAutopilot {
-        FromAutopilot::Nav { nav: None, battery_permille: 5 }
+        FromAutopilot::Nav { nav: None, in_air: false, battery_permille: 5 }
     }
 
     /// A message of the host.

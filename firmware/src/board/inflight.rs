@@ -60,6 +60,8 @@ pub struct Inflight {
     last: Option<(i64, TimePs)>,
     /// The newest navigation solution, when it came, and whether a step has used it.
     nav: Option<(NavFix, i64, bool)>,
+    /// Whether the vehicle flies, as last said.
+    in_air: bool,
     battery_permille: u16,
     attached: Vec<AttachedUser, MAX_ATTACHED_PER_FRAME>,
     captures: Vec<Capture, MAX_CAPTURES_PER_STEP>,
@@ -80,6 +82,7 @@ impl Inflight {
             triggers: Triggers::new(TriggerWindow::default()),
             last: None,
             nav: None,
+            in_air: false,
             battery_permille: 0,
             attached: Vec::new(),
             captures: Vec::new(),
@@ -145,8 +148,9 @@ impl Inflight {
                     Counters::count(&mut self.counters.contradicted);
                 }
             }
-            FromAutopilot::Nav { nav, battery_permille } => {
+            FromAutopilot::Nav { nav, in_air, battery_permille } => {
                 self.nav = nav.map(|fix| (fix.into(), self.counter.extend(timer), false));
+                self.in_air = in_air;
                 self.battery_permille = battery_permille;
             }
             FromAutopilot::Second { gps_s } => {
@@ -197,6 +201,7 @@ impl Inflight {
     pub fn sense(&mut self, inputs: &mut Inputs) {
         let Some((ticks, _)) = self.last else { return };
         inputs.timer_ticks = ticks as u32;
+        inputs.in_air = self.in_air;
         inputs.battery_permille = self.battery_permille;
         inputs.nav = self.nav_at(ticks);
         // Captures and pulses are of the same timer, so the same pulses discipline both clocks.
@@ -282,7 +287,7 @@ mod tests {
             vel_enu_mps: Vec3::new(10.0, 0.0, 0.0),
             error_radius_m: 1.0,
         };
-        FromAutopilot::Nav { nav: Some(fix.into()), battery_permille: 900 }
+        FromAutopilot::Nav { nav: Some(fix.into()), in_air: true, battery_permille: 900 }
     }
 
     /// Runs a board up to `seconds`, all well, and returns it.
@@ -334,7 +339,8 @@ mod tests {
                 (found, east_m) => assert_eq!(found, east_m),
             }
         }
-        assert_eq!(inputs.battery_permille, 900);
+        // What flies does not land because its autopilot is quiet.
+        assert_eq!((inputs.in_air, inputs.battery_permille), (true, 900));
         assert_eq!(board.counters().nav_reused, 1);
     }
 

@@ -189,6 +189,7 @@ impl Steps {
                 }
                 (self.done, self.next) = (step, 0);
                 inputs.nav = head.nav.map(Into::into);
+                inputs.in_air = head.in_air;
                 inputs.timer_ticks = head.timer_ticks;
                 inputs.pulse = head.pulse.map(Into::into);
                 inputs.battery_permille = head.battery_permille;

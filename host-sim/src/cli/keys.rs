@@ -8,10 +8,11 @@ use skyroost_firmware::board::provision::Provision;
 use skyroost_protocol::key::Key;
 use skyroost_protocol::units::{DroneId, MAX_DRONES};
 use thiserror::Error;
+use zeroize::Zeroizing;
 
 use super::console::Console;
 use super::exit::{Exit, Failure};
-use crate::control::keys::file::{KeyFile, KeyFileError, write_new};
+use crate::control::keys::file::{Kept, KeyFile, KeyFileError, write_new};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -20,10 +21,10 @@ Examples:
   skyroost keys show fleet.keys
       Who has a key, by its fingerprint; keys themselves are never shown.
   skyroost keys export fleet.keys --drone 3 --out drone-3.bin
-      What drone 3 is given, to be written to its last sector of flash:
+      What drone 3 is given, once, to be written to its last sector of flash:
       probe-rs download --chip STM32F405RGTx --binary-format bin --base-address 0x080e0000 drone-3.bin
   skyroost keys renew fleet.keys --drone 3
-      Another key for drone 3, whose old one was lost or seen. Export and flash it before it flies.
+      Another key for drone 3, whose old one was lost, seen or erased. Export and flash it before it flies.
   skyroost mission --backend serial:/dev/ttyACM0,... --keys fleet.keys
       A mission whose links are sealed with these keys.
 
@@ -52,7 +53,7 @@ enum Action {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
-    /// Say who has a key, by its fingerprint
+    /// Say who has a key, by its fingerprint, and whether it was exported
     Show {
         /// File of keys
         #[arg(value_name = "FILE")]
@@ -70,7 +71,7 @@ enum Action {
         #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_DRONES)))]
         drone: u16,
     },
-    /// Write what a drone's flash is given
+    /// Write what a drone's flash is given, each key once
     Export {
         /// File of keys
         #[arg(value_name = "FILE")]
@@ -131,10 +132,18 @@ pub(super) fn run(args: &KeysArgs) -> Result<Exit, Failure> {
 }
 
 fn export(file: &Path, drone: DroneId, out: &Path, unauthenticated: bool) -> Result<String, KeysFailure> {
-    let keys = KeyFile::read(file)?;
-    let key = keys.key(drone).ok_or_else(|| KeysFailure::NoKey { path: file.to_owned(), drone: drone.0 })?;
-    let given = Provision { drone, key: (!unauthenticated).then(|| key.clone()) };
-    write_new(out, &given.to_bytes())?;
+    let mut keys = KeyFile::read(file)?;
+    if keys.key(drone).is_none() {
+        return Err(KeysFailure::NoKey { path: file.to_owned(), drone: drone.0 });
+    }
+    if unauthenticated {
+        // Nothing is sealed: it may be given as often as one likes.
+        write_new(out, &Provision { drone, key: None }.to_bytes())?;
+    } else {
+        keys.export(drone, out, |key| {
+            Zeroizing::new(Provision { drone, key: Some(key.clone()) }.to_bytes().into())
+        })?;
+    }
     let (what, name) = (if unauthenticated { "an OPEN LINK" } else { "its key" }, out.display());
     Ok(format!("{name}: drone {} and {what}, for its last sector of flash (0x080e0000)\n", drone.0))
 }
@@ -144,8 +153,11 @@ fn fingerprint(key: &Key) -> String {
 }
 
 fn as_text(file: &Path, keys: &KeyFile) -> String {
-    let rows = keys.keys().map(|(drone, key)| format!("{:>5}  {}\n", drone.0, fingerprint(key)));
-    let rows: String = rows.collect();
+    let row = |Kept { drone, key, exported }: &Kept| {
+        let exported = if *exported { "  exported" } else { "" };
+        format!("{:>5}  {}{exported}\n", drone.0, fingerprint(key))
+    };
+    let rows: String = keys.keys().map(row).collect();
     format!(
         "{}\ncontrol center started {} time(s)\ndrone  fingerprint\n{rows}",
         file.display(),
@@ -154,7 +166,8 @@ fn as_text(file: &Path, keys: &KeyFile) -> String {
 }
 
 fn as_json(keys: &KeyFile) -> String {
-    let drones = keys.keys().map(|(drone, key)| json!({ "id": drone.0, "fingerprint": fingerprint(key) }));
+    let row = |Kept { drone, key, exported }: &Kept| json!({ "id": drone.0, "fingerprint": fingerprint(key), "exported": exported });
+    let drones = keys.keys().map(row);
     let drones: Vec<_> = drones.collect();
     format!("{}\n", json!({ "control_boots": keys.control_boots(), "drones": drones }))
 }

@@ -208,6 +208,7 @@ impl<T: Transport> BusClient<T> {
         self.head = Some(StepHead {
             now,
             nav: inputs.nav.map(Into::into),
+            in_air: inputs.in_air,
             timer_ticks: inputs.timer_ticks,
             pulse: inputs.pulse.map(Into::into),
             battery_permille: inputs.battery_permille,

@@ -203,6 +203,7 @@ impl Drone {
             nav.pos_enu_m = Vec3::repeat(f32::NAN);
         }
         inputs.timer_ticks = self.clock.ticks(now_ps, self.tick_hz) as u32;
+        inputs.in_air = self.vehicle.motion() != Motion::Grounded;
         inputs.battery_permille = self.battery.charge_permille();
         if self.wrong.captures_stuck {
             self.captured.clear();

@@ -492,6 +492,7 @@ fn agent_config(scenario: &Scenario, id: DroneId) -> AgentConfig {
     };
     config.srs_symbols = scenario.srs.symbols;
     config.share_period = TimePs((scenario.link.share_period_s * 1e12) as i64);
+    config.d_safe_m = scenario.fleet.d_safe_m as f32;
     config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
     config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;
     config

@@ -64,6 +64,7 @@ enum Reach {
 struct Stretch {
     gap: TimePs,
     nav: Nav,
+    in_air: bool,
     ticks: u32,
     battery_permille: u16,
     pulse: Option<(u32, i32)>,
@@ -369,6 +370,7 @@ impl Flight {
             let user = AttachedUser { user: UserId(user), timing_advance };
             self.inputs.attached.push(user).expect("no more than there is room for");
         }
+        self.inputs.in_air = stretch.in_air;
         let calm = self.inputs.battery_permille;
         self.inputs.battery_permille = stretch.battery_permille;
         if stretch.ticks != 0 {

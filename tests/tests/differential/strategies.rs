@@ -224,10 +224,11 @@ fn stretch() -> impl Strategy<Value = Stretch> {
     let battery = prop_oneof![8 => 151_u16..=1_000, 1 => 0_u16..200, 1 => any::<u16>()];
     let ticks = prop_oneof![4 => Just(0_u32), 1 => any::<u32>()];
     let calm = prop_oneof![4 => 0_u16..3, 1 => 3_u16..120];
-    (gap, nav, ticks, battery, pulse, captures, attached, words, calm).prop_map(
-        |(gap, nav, ticks, battery_permille, pulse, captures, attached, words, calm_steps)| Stretch {
+    (gap, nav, any::<bool>(), ticks, battery, pulse, captures, attached, words, calm).prop_map(
+        |(gap, nav, in_air, ticks, battery_permille, pulse, captures, attached, words, calm_steps)| Stretch {
             gap,
             nav,
+            in_air,
             ticks,
             battery_permille,
             pulse,

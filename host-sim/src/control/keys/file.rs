@@ -1,22 +1,26 @@
 //! The file that keeps the root keys: for its owner's eyes only, and written whole or not at all.
 //!
-//! TOML: `format = 1`, `control_boots` (how often a control center has started with these keys), and one `[[drone]]` with `id` and
-//! `key` (64 hexadecimal digits) for each drone.
+//! TOML: `format = 1`, `control_boots` (how often a control center has started with these keys), and one `[[drone]]` with `id`,
+//! `key` (64 hexadecimal digits) and, once the key was given to a drone, `exported = true` for each drone.
+//!
+//! Text of the file is overwritten in memory when it is dropped, as keys are.
 
 use super::LinkKeys;
 use rustix::rand::{GetRandomFlags, getrandom};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use skyroost_protocol::{
     key::{KEY_LEN, Key},
     units::{DroneId, MAX_DRONES},
 };
 use std::{
+    fmt::Write as _,
     fs::{self, File, OpenOptions},
-    io::{self, Write},
+    io::{self, Read, Write},
     os::unix::fs::{OpenOptionsExt, PermissionsExt},
     path::{Path, PathBuf},
 };
 use thiserror::Error;
+use zeroize::{Zeroize, Zeroizing};
 
 /// Version of the file.
 const FORMAT: u32 = 1;
@@ -56,6 +60,18 @@ pub enum KeyFileError {
         /// What is wrong. Keys are not repeated.
         what: String,
     },
+    /// A key that a drone was given already.
+    #[error(
+        "{}: the key of drone {drone} was exported already, and with it the drone would count its boots from 1 again; \
+         `skyroost keys renew` gives it another one",
+        .path.display()
+    )]
+    Exported {
+        /// Which file.
+        path: PathBuf,
+        /// The drone.
+        drone: u16,
+    },
     /// A drone that the file has no key for.
     #[error("{}: has no key for drone {drone}, expected one for each of the {drones} drone(s)", .path.display())]
     Missing {
@@ -68,7 +84,7 @@ pub enum KeyFileError {
     },
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Table {
     format: u32,
@@ -77,11 +93,34 @@ struct Table {
     drones: Vec<Row>,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Row {
     id: u16,
     key: String,
+    #[serde(default)]
+    exported: bool,
+}
+
+impl Drop for Row {
+    fn drop(&mut self) {
+        self.key.zeroize();
+    }
+}
+
+/// Room for the text of a file but its drones, and for a drone of it: text that grows leaves copies behind.
+const HEAD_ROOM: usize = 256;
+const ROW_ROOM: usize = 256;
+
+/// A drone's key.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    /// Whose.
+    pub drone: DroneId,
+    /// The key.
+    pub key: Key,
+    /// Whether it was given to the drone.
+    pub exported: bool,
 }
 
 /// Root keys of a control center and its drones.
@@ -90,7 +129,7 @@ pub struct KeyFile {
     path: PathBuf,
     control_boots: u16,
     /// By drone.
-    keys: Vec<(DroneId, Key)>,
+    keys: Vec<Kept>,
 }
 
 impl KeyFile {
@@ -99,7 +138,8 @@ impl KeyFile {
     /// # Errors
     /// [`KeyFileError::Io`] where the system has no chance to give.
     pub fn fresh(path: &Path, drones: u16) -> Result<Self, KeyFileError> {
-        let keys = (1..=drones).map(|id| Ok((DroneId(id), random(path)?)));
+        let keys =
+            (1..=drones).map(|id| Ok(Kept { drone: DroneId(id), key: random(path)?, exported: false }));
         Ok(Self { path: path.to_owned(), control_boots: 0, keys: keys.collect::<Result<_, KeyFileError>>()? })
     }
 
@@ -109,15 +149,26 @@ impl KeyFile {
     /// [`KeyFileError`].
     pub fn read(path: &Path) -> Result<Self, KeyFileError> {
         let io = |source| KeyFileError::Io { path: path.to_owned(), source };
-        let file = File::open(path).map_err(io)?;
-        let mode = file.metadata().map_err(io)?.permissions().mode() & 0o777;
+        let mut file = File::open(path).map_err(io)?;
+        let metadata = file.metadata().map_err(io)?;
+        let mode = metadata.permissions().mode() & 0o777;
         if mode & 0o077 != 0 {
             return Err(KeyFileError::Readable { path: path.to_owned(), mode });
         }
-        let text = io::read_to_string(file).map_err(io)?;
+        let room = usize::try_from(metadata.len()).unwrap_or_default() + 1;
+        let mut text = Zeroizing::new(String::with_capacity(room));
+        file.read_to_string(&mut text).map_err(io)?;
+        Self::parse(path, &text)
+    }
+
+    /// Reads the text of the file at `path`.
+    ///
+    /// # Errors
+    /// [`KeyFileError::Format`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, KeyFileError> {
         let wrong = |what: String| KeyFileError::Format { path: path.to_owned(), what };
         // The parser's own words would show the line, and with it the key.
-        let table: Table = toml::from_str(&text).map_err(|error| {
+        let table: Table = toml::from_str(text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start);
             let line = 1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count();
             wrong(format!("line {line}: {}, expected a file of `skyroost keys new`", error.message()))
@@ -125,28 +176,28 @@ impl KeyFile {
         if table.format != FORMAT {
             return Err(wrong(format!("format {}, expected {FORMAT}", table.format)));
         }
-        let mut keys: Vec<(DroneId, Key)> = Vec::new();
-        for Row { id, key } in &table.drones {
-            if !(1..=MAX_DRONES).contains(id) || keys.iter().any(|(known, _)| known.0 == *id) {
+        let mut keys: Vec<Kept> = Vec::new();
+        for Row { id, key, exported } in &table.drones {
+            if !(1..=MAX_DRONES).contains(id) || keys.iter().any(|known| known.drone.0 == *id) {
                 return Err(wrong(format!("drone {id}, expected each of 1 to {MAX_DRONES} once at most")));
             }
             let key = key_of(key).ok_or_else(|| {
                 wrong(format!("the key of drone {id} is none, expected {} hexadecimal digits", 2 * KEY_LEN))
             })?;
-            keys.push((DroneId(*id), key));
+            keys.push(Kept { drone: DroneId(*id), key, exported: *exported });
         }
         Ok(Self { path: path.to_owned(), control_boots: table.control_boots, keys })
     }
 
     /// The drones and their keys.
-    pub fn keys(&self) -> impl Iterator<Item = (DroneId, &Key)> {
-        self.keys.iter().map(|(drone, key)| (*drone, key))
+    pub fn keys(&self) -> impl Iterator<Item = &Kept> {
+        self.keys.iter()
     }
 
     /// The key of a drone, if there is one.
     #[must_use]
     pub fn key(&self, drone: DroneId) -> Option<&Key> {
-        self.keys().find(|(known, _)| *known == drone).map(|(_, key)| key)
+        self.keys().find(|known| known.drone == drone).map(|known| &known.key)
     }
 
     /// How often a control center has started with these keys.
@@ -161,10 +212,43 @@ impl KeyFile {
     /// [`KeyFileError::Io`] where the system has no chance to give.
     pub fn renew(&mut self, drone: DroneId) -> Result<(), KeyFileError> {
         let key = random(&self.path)?;
-        self.keys.retain(|(known, _)| *known != drone);
-        self.keys.push((drone, key));
-        self.keys.sort_by_key(|(drone, _)| *drone);
+        self.keys.retain(|known| known.drone != drone);
+        self.keys.push(Kept { drone, key, exported: false });
+        self.keys.sort_by_key(|known| known.drone);
         Ok(())
+    }
+
+    /// Writes to the new file `out` what gives a drone its key: once, since a drone that is given a key counts its boots from 1, and
+    /// would seal other frames with the nonces that it had. That it was given is on disk before `out` is there; where `out`
+    /// cannot be written, it was not given.
+    ///
+    /// # Errors
+    /// [`KeyFileError`].
+    pub fn export(
+        &mut self,
+        drone: DroneId,
+        out: &Path,
+        to_bytes: impl FnOnce(&Key) -> Zeroizing<Vec<u8>>,
+    ) -> Result<(), KeyFileError> {
+        let path = || self.path.clone();
+        let Some(index) = self.keys.iter().position(|known| known.drone == drone) else {
+            return Err(KeyFileError::Missing { path: path(), drone: drone.0, drones: 1 });
+        };
+        if self.keys[index].exported {
+            return Err(KeyFileError::Exported { path: path(), drone: drone.0 });
+        }
+        let bytes = to_bytes(&self.keys[index].key);
+        if out.exists() {
+            return Err(KeyFileError::Exists { path: out.to_owned() });
+        }
+        self.keys[index].exported = true;
+        self.replace()?;
+        let written = write_new(out, &bytes);
+        if written.is_err() {
+            self.keys[index].exported = false;
+            self.replace()?;
+        }
+        written
     }
 
     /// What seals the links of a mission of so many drones. A boot of the control center is spent, and on disk before this
@@ -212,18 +296,29 @@ impl KeyFile {
         written
     }
 
-    fn text(&self) -> String {
-        let row = |(drone, key): &(DroneId, Key)| Row {
-            id: drone.0,
-            key: key.expose().iter().map(|byte| format!("{byte:02x}")).collect(),
-        };
-        let table = Table {
-            format: FORMAT,
-            control_boots: self.control_boots,
-            drones: self.keys.iter().map(row).collect(),
-        };
-        let table = toml::to_string(&table).expect("numbers and text are TOML");
-        format!("# Whoever reads this file can command the drones. Made by `skyroost keys`.\n{table}")
+    /// The file's text.
+    ///
+    /// # Panics
+    /// Never: text takes what is written to it.
+    #[must_use]
+    pub fn text(&self) -> Zeroizing<String> {
+        let mut text = Zeroizing::new(String::with_capacity(HEAD_ROOM + ROW_ROOM * self.keys.len()));
+        self.write(&mut text).expect("text takes what is written to it");
+        text
+    }
+
+    fn write(&self, text: &mut String) -> std::fmt::Result {
+        writeln!(text, "# Whoever reads this file can command the drones. Made by `skyroost keys`.")?;
+        writeln!(text, "format = {FORMAT}\ncontrol_boots = {}", self.control_boots)?;
+        for Kept { drone, key, exported } in &self.keys {
+            write!(text, "\n[[drone]]\nid = {}\nkey = \"", drone.0)?;
+            key.expose().iter().try_for_each(|byte| write!(text, "{byte:02x}"))?;
+            writeln!(text, "\"")?;
+            if *exported {
+                writeln!(text, "exported = true")?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -244,7 +339,7 @@ pub fn write_new(path: &Path, bytes: &[u8]) -> Result<(), KeyFileError> {
 }
 
 fn key_of(digits: &str) -> Option<Key> {
-    let mut bytes = [0; KEY_LEN];
+    let mut bytes = Zeroizing::new([0; KEY_LEN]);
     let pairs = digits.as_bytes().as_chunks::<2>();
     if digits.len() != 2 * KEY_LEN || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return None;
@@ -252,16 +347,16 @@ fn key_of(digits: &str) -> Option<Key> {
     for (byte, pair) in bytes.iter_mut().zip(pairs.0) {
         *byte = u8::from_str_radix(str::from_utf8(pair).ok()?, 16).ok()?;
     }
-    Some(Key::new(bytes))
+    Some(Key::new(*bytes))
 }
 
 /// A key of the system's chance.
 fn random(path: &Path) -> Result<Key, KeyFileError> {
-    let mut bytes = [0; KEY_LEN];
+    let mut bytes = Zeroizing::new([0; KEY_LEN]);
     let mut filled = 0;
     while filled < KEY_LEN {
         let more = getrandom(&mut bytes[filled..], GetRandomFlags::empty());
         filled += more.map_err(|error| KeyFileError::Io { path: path.to_owned(), source: error.into() })?;
     }
-    Ok(Key::new(bytes))
+    Ok(Key::new(*bytes))
 }

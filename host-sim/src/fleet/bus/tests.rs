@@ -152,9 +152,10 @@ fn inputs() -> impl Strategy<Value = Inputs> {
         ],
         0..=16,
     );
-    (nav, pulse, captures, attached, frames, any::<u32>(), any::<u16>()).prop_map(
-        |(nav, pulse, captures, attached, frames, timer_ticks, battery_permille)| Inputs {
+    (nav, any::<bool>(), pulse, captures, attached, frames, any::<u32>(), any::<u16>()).prop_map(
+        |(nav, in_air, pulse, captures, attached, frames, timer_ticks, battery_permille)| Inputs {
             nav,
+            in_air,
             timer_ticks,
             pulse,
             captures: captures
