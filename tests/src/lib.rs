@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod boards;
+pub mod faults;
 pub mod flight_board;
 pub mod line;
 pub mod mission;

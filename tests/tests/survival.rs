@@ -1,8 +1,12 @@
 //! Missions that lose drones: whoever is left finds the same users, covers the same area and serves whom it can.
 
 use serde_json::Value;
-use skyroost_tests::mission::{Flown, fly};
-use std::fs;
+use skyroost_tests::mission::{Flown, binary, fly, run};
+use std::{
+    fs,
+    process::{Command, Stdio},
+    time::Duration,
+};
 
 /// A mission over 4 km by 4 km with these lines at the top of its scenario.
 fn fly_with(lines: &str, drones: u32) -> Flown {
@@ -94,4 +98,54 @@ fn who_comes_back_is_taken_back() {
     assert_eq!(fleets, [1, 2]);
     assert_eq!(placed(&flown), [1, 2, 3, 4, 5, 6]);
     is(&flown, "/placement/served_ratio", flown.number("/placement/served_ratio").max(0.98));
+}
+
+/// Where the control center is killed ten times, each time made again of its journal, the mission ends as if it had not been, but for
+/// the time in which nobody was asked anything.
+#[test]
+fn ten_kills_of_the_control_center() {
+    let undisturbed = fly_with("", 6);
+    let kills = [12.0, 47.3, 101.1, 140.0, 333.3, 512.7, 700.0, 901.4, 1_180.0, 1_500.0];
+    let row = |at_s: &f64| format!("{{ kind = 'control_killed', at_s = {at_s}, for_s = 4 }}");
+    let flown = fly_with(&format!("faults = [{}]", kills.iter().map(row).collect::<Vec<_>>().join(", ")), 6);
+    assert_whole(&flown);
+    assert!(replans(&flown).is_empty(), "nobody was lost\n{}", flown.json["sweep"]);
+    is(&flown, "/localization/located", undisturbed.number("/localization/located"));
+    assert_eq!(placed(&flown), placed(&undisturbed));
+    assert!(flown.number("/placement/served_ratio") >= 0.98, "{}", flown.json["placement"]);
+    let late_s = flown.number("/timing/simulated_s") - undisturbed.number("/timing/simulated_s");
+    assert!(late_s < 10.0 * (4.0 + 10.0), "{late_s} s later");
+}
+
+/// The whole command is killed at a random moment, and goes on from its journal: as if the control center had been killed there.
+#[test]
+fn a_mission_killed_goes_on_from_its_journal() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = dir.path().join("mission.journal");
+    let scenario = dir.path().join("survival.toml");
+    fs::write(&scenario, "name = 'killed'\n[area]\nwidth_m = 3_000\nheight_m = 3_000\n[fleet]\ndrones = 6\n").unwrap();
+    let words = [scenario.to_str().unwrap(), "--journal", journal.to_str().unwrap()];
+    let undisturbed = fly(&words[..1]);
+    for wait_ms in [150, 400, 900] {
+        let out = dir.path().join("killed");
+        let mut child = Command::new(binary())
+            .args(["mission", "--json", "--quiet", "--out", out.to_str().unwrap()])
+            .args(words)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(wait_ms));
+        child.kill().unwrap(); // SIGKILL, unless it was faster
+        child.wait().unwrap();
+        assert!(fs::metadata(&journal).is_ok_and(|file| file.len() > 100), "nothing was written in {wait_ms} ms");
+        let flown = fly(&[&words[..], &["--resume"]].concat());
+        assert_whole(&flown);
+        is(&flown, "/localization/located", undisturbed.number("/localization/located"));
+        assert_eq!(placed(&flown), placed(&undisturbed));
+    }
+    // Another mission's journal is refused.
+    let other = [words[0], "--seed", "2", "--resume", words[1], words[2]];
+    let (output, _) = run(&other);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("journal of another mission"));
 }

@@ -5,6 +5,7 @@
 mod bench;
 mod budget;
 mod check;
+mod faults;
 mod firmware;
 mod image;
 mod process;
@@ -27,7 +28,7 @@ struct Subcommand {
 }
 
 /// Everything `cargo xtask` can do.
-const SUBCOMMANDS: [Subcommand; 4] = [
+const SUBCOMMANDS: [Subcommand; 5] = [
     Subcommand {
         name: "setup",
         summary: "install what the cross build, the emulator and the page tests need",
@@ -35,6 +36,12 @@ const SUBCOMMANDS: [Subcommand; 4] = [
         run: setup::run,
     },
     Subcommand { name: "test", summary: "run every check", help: check::HELP, run: check::run },
+    Subcommand {
+        name: "faults",
+        summary: "fly missions to which random things happen",
+        help: faults::HELP,
+        run: faults::run,
+    },
     Subcommand {
         name: "firmware",
         summary: "build a board's image",
@@ -111,6 +118,9 @@ mod tests {
             &["frobnicate"],
             &["test", "fast"],
             &["setup", "--yes"],
+            &["faults", "--missions"],
+            &["faults", "--seed", "x"],
+            &["faults", "now"],
             &["bench", "a", "b"],
             &["bench", "--quick"],
             &["bench", "a", "--slow"],

@@ -19,8 +19,8 @@ pub use error::{Place, ScenarioError};
 pub use source::Source;
 pub use tables::{
     AreaTable, BatteryTable, ClockTable, FaultKind, FaultTable, FenceTable, FleetTable, GnssMode, GnssTable,
-    LimitsTable, LinkTable, LossTable, MissionTable, ObstaclesTable, Orientation, Scenario, SplitMode,
-    SrsTable, UsersTable, WindTable,
+    LimitsTable, LinkTable, LossTable, MissionTable, ObstaclesTable, Orientation, PartitionTable, Scenario,
+    SplitMode, SrsTable, UsersTable, WindTable,
 };
 
 use serde::{Deserialize as _, de::DeserializeOwned};

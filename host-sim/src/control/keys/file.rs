@@ -1,6 +1,7 @@
 //! The file that keeps the root keys: for its owner's eyes only, and written whole or not at all.
 //!
-//! TOML: `format = 1`, `control_boots` (how often a control center has started with these keys), and one `[[drone]]` with `id`,
+//! TOML: `format = 1`, `control_boots` (how often a control center has started with these keys), `control_key` (what it makes fresh
+//! keys of), and one `[[drone]]` with `id`,
 //! `key` (64 hexadecimal digits) and, once the key was given to a drone, `exported = true` for each drone.
 //!
 //! Text of the file is overwritten in memory when it is dropped, as keys are.
@@ -89,8 +90,16 @@ pub enum KeyFileError {
 struct Table {
     format: u32,
     control_boots: u16,
+    #[serde(default)]
+    control_key: Option<String>,
     #[serde(default, rename = "drone")]
     drones: Vec<Row>,
+}
+
+impl Drop for Table {
+    fn drop(&mut self) {
+        self.control_key.zeroize();
+    }
 }
 
 #[derive(Deserialize)]
@@ -128,6 +137,8 @@ pub struct Kept {
 pub struct KeyFile {
     path: PathBuf,
     control_boots: u16,
+    /// What the control center makes fresh keys of, in each of its boots others; none in a file from before it had one.
+    control_key: Option<Key>,
     /// By drone.
     keys: Vec<Kept>,
 }
@@ -140,7 +151,8 @@ impl KeyFile {
     pub fn fresh(path: &Path, drones: u16) -> Result<Self, KeyFileError> {
         let keys =
             (1..=drones).map(|id| Ok(Kept { drone: DroneId(id), key: random(path)?, exported: false }));
-        Ok(Self { path: path.to_owned(), control_boots: 0, keys: keys.collect::<Result<_, KeyFileError>>()? })
+        let keys = keys.collect::<Result<_, KeyFileError>>()?;
+        Ok(Self { path: path.to_owned(), control_boots: 0, control_key: Some(random(path)?), keys })
     }
 
     /// Reads a file.
@@ -186,7 +198,10 @@ impl KeyFile {
             })?;
             keys.push(Kept { drone: DroneId(*id), key, exported: *exported });
         }
-        Ok(Self { path: path.to_owned(), control_boots: table.control_boots, keys })
+        let digits = || wrong(format!("control_key is none, expected {} hexadecimal digits", 2 * KEY_LEN));
+        let control_key =
+            table.control_key.as_ref().map(|text| key_of(text).ok_or_else(digits)).transpose()?;
+        Ok(Self { path: path.to_owned(), control_boots: table.control_boots, control_key, keys })
     }
 
     /// The drones and their keys.
@@ -268,8 +283,14 @@ impl KeyFile {
             path: path(),
             what: "has started as many control centers as it can, expected new keys".to_owned(),
         })?;
+        let control_key = match self.control_key.take() {
+            Some(key) => key,
+            None => random(&self.path)?,
+        };
+        let links = LinkKeys::new(roots, self.control_boots, &control_key);
+        self.control_key = Some(control_key);
         self.replace()?;
-        Ok(LinkKeys::new(roots, self.control_boots, &random(&self.path)?))
+        Ok(links)
     }
 
     /// Writes a file that is not there yet.
@@ -310,6 +331,11 @@ impl KeyFile {
     fn write(&self, text: &mut String) -> std::fmt::Result {
         writeln!(text, "# Whoever reads this file can command the drones. Made by `skyroost keys`.")?;
         writeln!(text, "format = {FORMAT}\ncontrol_boots = {}", self.control_boots)?;
+        if let Some(key) = &self.control_key {
+            write!(text, "control_key = \"")?;
+            key.expose().iter().try_for_each(|byte| write!(text, "{byte:02x}"))?;
+            writeln!(text, "\"")?;
+        }
         for Kept { drone, key, exported } in &self.keys {
             write!(text, "\n[[drone]]\nid = {}\nkey = \"", drone.0)?;
             key.expose().iter().try_for_each(|byte| write!(text, "{byte:02x}"))?;
