@@ -13,6 +13,9 @@ pub const MAX_PEERS: usize = 32;
 const FRESH: TimePs = TimePs::from_ms(2_000);
 /// How long a silent neighbour may fly on: by then its own supervisor has made it hold, as its link is lost.
 const FLIES_ON: TimePs = TimePs::from_ms(10_000);
+/// A neighbour that has been silent for so long is not there any more: a while before, its own supervisor made it return home, or it
+/// has fallen.
+const GONE: TimePs = TimePs::from_ms(75_000);
 /// Growth of the keep-out around the way of a silent neighbour, metres a second: drift, and turns.
 const DRIFT_MPS: f32 = 1.0;
 /// Most that drift adds, metres.
@@ -67,7 +70,7 @@ impl Peer {
     }
 
     /// By how much a silent neighbour may be off the [predicted](Self::predicted) place: half the way on which it may
-    /// be, and drift; metres. It grows while the neighbour is silent, and is never dropped for silence.
+    /// be, and drift; metres. It grows while the neighbour is silent, until it is [forgotten](PeerTable::forget_gone).
     #[must_use]
     pub fn keep_out_m(&self, now: TimePs) -> f32 {
         let (_, silent_s) = self.ages_s(now);
@@ -104,6 +107,12 @@ impl PeerTable {
     /// Forgets everybody.
     pub fn clear(&mut self) {
         self.peers.clear();
+    }
+
+    /// Forgets who has been silent for so long that it cannot be where it was. Whoever hears nobody forgets nobody: the silence may be
+    /// its own, so this is to be asked for when somebody was heard.
+    pub fn forget_gone(&mut self, now: TimePs) {
+        self.peers.retain(|peer| now.since(peer.time) < GONE);
     }
 
     /// Takes in a relayed state; an older one than known is ignored. A full table gives up the

@@ -21,7 +21,10 @@ fn five_hundred_missions_keep_every_invariant() {
             End::EndedSafe(_) => {}
             End::Failed { invariant, at_s } => {
                 let replay = faults::replay(one.seed);
-                failures.push_str(&format!("seed {} at {at_s:.1} s: {invariant}\n  replay: {replay}\n", one.seed));
+                failures.push_str(&format!(
+                    "seed {} at {at_s:.1} s: {invariant}\n  replay: {replay}\n",
+                    one.seed
+                ));
             }
         }
     }

@@ -123,7 +123,8 @@ fn a_mission_killed_goes_on_from_its_journal() {
     let dir = tempfile::tempdir().unwrap();
     let journal = dir.path().join("mission.journal");
     let scenario = dir.path().join("survival.toml");
-    fs::write(&scenario, "name = 'killed'\n[area]\nwidth_m = 3_000\nheight_m = 3_000\n[fleet]\ndrones = 6\n").unwrap();
+    fs::write(&scenario, "name = 'killed'\n[area]\nwidth_m = 3_000\nheight_m = 3_000\n[fleet]\ndrones = 6\n")
+        .unwrap();
     let words = [scenario.to_str().unwrap(), "--journal", journal.to_str().unwrap()];
     let undisturbed = fly(&words[..1]);
     for wait_ms in [150, 400, 900] {
@@ -137,7 +138,10 @@ fn a_mission_killed_goes_on_from_its_journal() {
         std::thread::sleep(Duration::from_millis(wait_ms));
         child.kill().unwrap(); // SIGKILL, unless it was faster
         child.wait().unwrap();
-        assert!(fs::metadata(&journal).is_ok_and(|file| file.len() > 100), "nothing was written in {wait_ms} ms");
+        assert!(
+            fs::metadata(&journal).is_ok_and(|file| file.len() > 100),
+            "nothing was written in {wait_ms} ms"
+        );
         let flown = fly(&[&words[..], &["--resume"]].concat());
         assert_whole(&flown);
         is(&flown, "/localization/located", undisturbed.number("/localization/located"));

@@ -37,6 +37,7 @@ pub(crate) fn run(args: &[String]) -> Outcome {
             _ => return Err(Failure::Usage(format!("unknown word `{word}`"))),
         }
     }
-    let program = ["--quiet", "--locked", "--profile=checks", "--package=skyroost-tests", "--bin=faults", "--"];
+    let program =
+        ["--quiet", "--locked", "--profile=checks", "--package=skyroost-tests", "--bin=faults", "--"];
     process::run(cargo("run").args(program).args(args))
 }

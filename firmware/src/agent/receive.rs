@@ -168,6 +168,7 @@ impl FlightAgent {
                 for state in states.iter().filter(|s| s.drone != self.config.id) {
                     self.peers.update(state, &own_m, &mut self.counters);
                 }
+                self.peers.forget_gone(now);
             }
         }
     }

@@ -11,7 +11,9 @@ use skyroost_protocol::codec::{Frame, MAX_FRAME};
 
 /// How far a clock jumps: a tenth of a millisecond, 30 km of light.
 const JUMP_PS: f64 = 1e8;
-/// After a time without navigation a drone needs so long until it keeps its distance as the others do, seconds.
+/// What a drone shares is good for so long, seconds (`docs/safety.md`).
+const STALE_S: f64 = 1.0;
+/// After a time without navigation or link a drone needs so long until it keeps its distance as the others do, seconds.
 const RECOVERY_S: f64 = 15.0;
 /// An attacker sends this many frames a second, in each direction.
 const FRAMES_PER_S: f64 = 20.0;
@@ -30,6 +32,8 @@ struct Fault {
 #[derive(Debug)]
 pub(super) struct DroneFaults {
     faults: Vec<Fault>,
+    /// Steps in which it hears of nobody and nobody of it.
+    cut_off: Vec<(u64, u64)>,
     pub(super) attacker: Attacker,
 }
 
@@ -62,7 +66,15 @@ impl DroneFaults {
             Fault { kind: it.kind, from, until: until.max(from + 1) }
         };
         let chance = rng::stream(scenario.seed, Stream::Faults, u64::from(drone));
-        Self { faults: of_drone.map(fault).collect(), attacker: Attacker::new(chance) }
+        let cut_off =
+            scenario.partitions.iter().filter(|it| it.drones.is_empty() || it.drones.contains(&drone));
+        Self {
+            faults: of_drone.map(fault).collect(),
+            cut_off: cut_off
+                .map(|it| (step_of(it.from_s + STALE_S), step_of(it.until_s + RECOVERY_S)))
+                .collect(),
+            attacker: Attacker::new(chance),
+        }
     }
 
     /// What goes wrong in this step; steps come one after the other.
@@ -86,6 +98,7 @@ impl DroneFaults {
             }
         }
         now.boots &= !now.booting;
+        now.excused |= self.cut_off.iter().any(|(from, until)| (*from..*until).contains(&step));
         now
     }
 }

@@ -41,10 +41,12 @@ fn main() -> ExitCode {
     };
     let flown = match args.replay {
         Some(seed) => {
-            if !args.json {
+            if args.json {
+                vec![faults::fly(seed)]
+            } else {
                 println!("{:#?}", faults::scenario(seed));
+                vec![faults::fly_and_tell(seed)]
             }
-            vec![faults::fly(seed)]
         }
         None => faults::campaign(args.missions, args.seed, &|ended, one| tell(ended, args.missions, one)),
     };

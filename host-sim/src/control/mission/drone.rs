@@ -32,6 +32,8 @@ const MOST_REPEATS: u32 = 50;
 /// A drone in the air that says nothing for this long is lost: fifteen shared states, and the radio's delay on top
 /// still leaves it within two seconds.
 const SILENT_FOR: TimePs = TimePs::from_ms(1_500);
+/// On the ground it tells once a second that it is there.
+const SILENT_ON_GROUND: TimePs = TimePs::from_ms(15_000);
 /// Where states are shared more seldom, silence is as many of their periods; telemetry comes once a second.
 const SILENT_PERIODS: i64 = 3;
 /// No drone in the air is silent for longer than between two of its telemetries, three of which may be lost.
@@ -310,9 +312,12 @@ impl DroneLink {
     pub fn watched(&mut self, now: TimePs, relay_period: TimePs) -> Option<bool> {
         let periods = TimePs(relay_period.0.saturating_mul(SILENT_PERIODS));
         let silent_for = periods.max(SILENT_FOR).min(MOST_SILENT_FOR);
-        // On the ground nobody minds, unless it was given up.
-        let silent = (self.in_the_air() || self.lost.is_some()) && now.since(self.heard) >= silent_for;
-        if silent == self.lost.is_some() {
+        // On the ground nobody minds for a while.
+        let silent_for = if self.in_the_air() { silent_for } else { SILENT_ON_GROUND };
+        let silent = self.connected
+            && now.since(self.heard) >= if self.lost.is_some() { SILENT_FOR } else { silent_for };
+        // One that never answered stays given up.
+        if silent == self.lost.is_some() || !self.connected {
             return None;
         }
         self.lost = silent.then_some(now);
@@ -338,6 +343,9 @@ impl DroneLink {
     pub fn give_up(&mut self, now: TimePs) {
         self.lost = Some(now);
         self.forget_commands();
+        if let Some(under_way) = &mut self.under_way {
+            under_way.repeats = 0;
+        }
     }
 
     /// What it was to do and has not acknowledged is not said any more; what it is doing it does.

@@ -37,6 +37,8 @@ const UNHEARD_FOR: TimePs = TimePs::from_ms(65_000);
 /// How long a silent neighbour is taken to fly on as it did, and then on until its own supervisor makes it hold, seconds.
 const LOST_FRESH_S: f64 = 2.0;
 const LOST_FLIES_S: f64 = 10.0;
+/// By then its own supervisor has it return home.
+const LOST_FOR: TimePs = TimePs::from_ms(75_000);
 /// How far it may have drifted then, metres.
 const LOST_DRIFTS_M: f64 = 20.0;
 /// Beside all that some room, metres.
@@ -330,18 +332,18 @@ impl ControlCenter {
         if survivors.len() < 3 && anybody_lost && waited < WAIT_FOR {
             return None;
         }
-        Some(self.replan(&survivors))
+        Some(self.replan(now, &survivors))
     }
 
     /// Plans the rest of the sweep for the survivors: what comes next.
-    fn replan(&mut self, survivors: &[Survivor]) -> Stage {
+    fn replan(&mut self, now: TimePs, survivors: &[Survivor]) -> Stage {
         self.book_swept();
         let Some(again) = self.plan.resweep.take() else { return Stage::Collect };
         let left = regroup::left(&again.region, &self.progress.swept, again.request.margin_m);
         let whole: Vec<[usize; 3]> =
             self.plan.fleets.iter().filter_map(|fleet| self.indices(fleet.mates)).collect();
         let threes = regroup::threes(&whole, survivors);
-        let lost = self.lost_places();
+        let lost = self.lost_places(now);
         let regrouped =
             left.as_ref().and_then(|left| regroup::regroup(&self.plan, &again, left, threes, &lost));
         self.plan.resweep = Some(again);
@@ -404,10 +406,14 @@ impl ControlCenter {
     }
 
     /// Where lost drones may be, with the room that avoidance takes around them: as its own table of neighbours has it once they have
-    /// been silent for long, half the way that they may have flown on, and drift (`firmware::peers`).
-    pub(super) fn lost_places(&self) -> Vec<KeepOut> {
+    /// been silent for long, half the way that they may have flown on, and drift (`firmware::peers`). In the end their own supervisors
+    /// have taken them away from there.
+    pub(super) fn lost_places(&self, now: TimePs) -> Vec<KeepOut> {
         let place = |link: &DroneLink| {
             let state = link.state.filter(|_| link.lost.is_some() && link.in_the_air())?;
+            if now.since(state.time) >= LOST_FOR {
+                return None;
+            }
             let vel_mps = V2::new(f64::from(state.vel.0[0]), f64::from(state.vel.0[1])) * 1e-3;
             let radius_m =
                 0.5 * vel_mps.norm() * LOST_FLIES_S + LOST_DRIFTS_M + self.plan.min_goal_distance_m;

@@ -26,6 +26,8 @@ const START_LEAD: TimePs = TimePs::from_ms(2_000);
 const COLLECT_FOR: TimePs = TimePs::from_ms(1_500);
 /// Drones that were not heard of by then are gone without, where others make up a fleet.
 const CONNECT_FOR: TimePs = TimePs::from_ms(90_000);
+/// So long somebody is waited for where all are lost.
+const WAIT_FOR: TimePs = TimePs::from_ms(180_000);
 /// Where a drone that serves falls out or one comes back, all are placed anew after so long.
 const PLACE_AFTER: TimePs = TimePs::from_ms(15_000);
 
@@ -46,34 +48,41 @@ impl ControlCenter {
         }
         let next = match self.stage {
             Stage::Connect => self.all_connected(now).then_some(Stage::Upload),
-            Stage::Upload => self.members().all(DroneLink::idle).then_some(Stage::TakeOff),
+            Stage::Upload => {
+                (self.all_there() && self.members().all(DroneLink::idle)).then_some(Stage::TakeOff)
+            }
             Stage::TakeOff => {
                 // Fleets that stand in formation take off in it.
                 let next = if self.plan.assembly.is_some() { Stage::Assemble } else { Stage::Sweep };
-                self.fleets_in(FlightPhase::Hold, now).then_some(next)
+                (self.all_there() && self.fleets_in(FlightPhase::Hold, now)).then_some(next)
             }
             Stage::Assemble => {
                 let stuck = self.stuck_in_assembly(now);
                 if !stuck.is_empty() && self.may_replan() {
                     return self.halt(now, stuck);
                 }
-                self.assembled(now).then_some(Stage::Sweep)
+                (self.assembled(now) && self.all_there()).then_some(Stage::Sweep)
             }
             Stage::Sweep => {
                 let started = self.sweep_started.is_some_and(|start| now > start);
-                let flown = started && self.swept(now);
+                let flown = started && self.all_there() && self.swept(now);
                 if flown && self.is_something_left() {
                     return self.halt(now, Vec::new());
                 }
                 flown.then_some(Stage::Collect)
             }
             Stage::Halt => self.halted(now),
-            Stage::Collect => (now.since(self.stage_since) >= COLLECT_FOR).then_some(Stage::Deploy),
+            Stage::Collect => {
+                let waited = now.since(self.stage_since);
+                // Where all are lost some may come back.
+                let anybody = !self.living().is_empty() || waited >= WAIT_FOR;
+                (waited >= COLLECT_FOR && anybody).then_some(Stage::Deploy)
+            }
             Stage::Deploy => {
                 self.send_off(now);
-                self.deployed(now).then_some(Stage::Refine)
+                (self.misplaced_since.is_none() && self.deployed(now)).then_some(Stage::Refine)
             }
-            Stage::Refine => self.refined(now)?.then_some(Stage::Serve),
+            Stage::Refine => (self.refined(now)? && self.misplaced_since.is_none()).then_some(Stage::Serve),
             Stage::Serve => None,
         };
         match next {
@@ -96,7 +105,7 @@ impl ControlCenter {
                 self.book_start(at);
                 self.command_fleets(&Command::StartSweep { at });
             }
-            Stage::Deploy => self.locate_and_place()?,
+            Stage::Deploy => self.locate_and_place(now)?,
             Stage::Refine => self.begin_refining(now),
         }
         Ok(())
@@ -156,6 +165,13 @@ impl ControlCenter {
         }
         self.drones.iter_mut().filter(|link| !link.connected).for_each(|link| link.give_up(now));
         true
+    }
+
+    /// Whether every drone of a fleet is heard. Whoever is not is waited for until the rest is planned without it, where it can be.
+    fn all_there(&self) -> bool {
+        self.plan.resweep.is_none()
+            || !self.may_replan()
+            || self.every_member().all(|link| link.lost.is_none())
     }
 
     /// Whether drones that can serve have no place, or drones that have one cannot serve, and have not for a while.
@@ -255,7 +271,7 @@ impl ControlCenter {
     }
 
     /// Stage two of the paper: estimates of all users, then a placement for every drone.
-    fn locate_and_place(&mut self) -> Result<(), MissionError> {
+    fn locate_and_place(&mut self, now: TimePs) -> Result<(), MissionError> {
         self.localization = localize(&self.occasions, &self.plan.localize)?;
         let beliefs: Vec<UserBelief> = self.beliefs().map(|(_, belief)| belief).collect();
         let living = self.living();
@@ -268,7 +284,7 @@ impl ControlCenter {
         }
         let fleet = Fleet { drones, min_separation_m: self.plan.min_goal_distance_m };
         let placement = place_expected(&beliefs, self.plan.radius_m, fleet)?;
-        self.targets = self.assign_targets(&placement);
+        self.targets = self.assign_targets(now, &placement);
         self.check_goals()?;
         self.placement = Some(placement);
         Ok(())
@@ -283,7 +299,7 @@ impl ControlCenter {
     }
 
     /// Which drone flies where, so that the longest flight is the shortest possible.
-    fn assign_targets(&self, placement: &crate::control::place::Placement) -> Vec<Target> {
+    fn assign_targets(&self, now: TimePs, placement: &crate::control::place::Placement) -> Vec<Target> {
         let living = self.living();
         let from: Vec<V2> = living.iter().map(|&d| self.drone_pos_m(d)).collect();
         let planned = placement.sites.iter().enumerate();
@@ -291,7 +307,7 @@ impl ControlCenter {
         let (indices, asked_m): (Vec<usize>, Vec<V2>) = planned.unzip();
         // A site where no drone may be is moved to the nearest place where one may.
         let settled =
-            self.plan.airspace.settled(&asked_m, self.plan.min_goal_distance_m, &self.lost_places());
+            self.plan.airspace.settled(&asked_m, self.plan.min_goal_distance_m, &self.lost_places(now));
         let sites: Vec<(usize, V2)> =
             indices.into_iter().zip(settled).filter_map(|(index, at)| Some((index, at?))).collect();
         let goals: Vec<V2> = sites.iter().map(|(_, pos_m)| *pos_m).collect();
@@ -414,7 +430,7 @@ impl ControlCenter {
             Some(_) => Seen::Left,
         };
         let seen: Vec<Seen> = self.stations().map(seen).collect();
-        let lost = self.lost_places();
+        let lost = self.lost_places(now);
         let mut stations: Vec<(usize, &mut Station)> =
             self.targets.iter_mut().filter_map(|t| Some((t.drone, t.station.as_mut()?))).collect();
         let airspace = &self.plan.airspace;
