@@ -153,3 +153,14 @@ fn a_mission_killed_goes_on_from_its_journal() {
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("journal of another mission"));
 }
+
+/// The paper's p_i: a fleet with a battery that is half empty sweeps as much less as its charge allows.
+#[test]
+fn fleets_sweep_by_their_endurance() {
+    let flown = fly_with("battery = { charges = [1, 1, 0.5, 1, 1, 1] }", 6);
+    assert_whole(&flown);
+    let lengths = flown.json["sweep"]["length_m"].as_array().unwrap();
+    let share = lengths[0].as_f64().unwrap() / (lengths[0].as_f64().unwrap() + lengths[1].as_f64().unwrap());
+    let expected = (0.5 - 0.15) / (0.5 - 0.15 + 1.0 - 0.15);
+    assert!((share - expected).abs() < 0.05, "{share} of the lanes, expected {expected}");
+}

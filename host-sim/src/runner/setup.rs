@@ -113,7 +113,7 @@ fn request(scenario: &Scenario, bases: &Bases) -> SweepRequest {
     let fleets = scenario.fleets() as usize;
     SweepRequest {
         fleets,
-        proportions: fleet.proportions.clone().unwrap_or_else(|| vec![1.0 / fleets as f64; fleets]),
+        proportions: fleet.proportions.clone().unwrap_or_else(|| by_endurance(scenario, fleets)),
         split: match fleet.split {
             SplitMode::Auto => sweep::SplitMode::Auto,
             SplitMode::Area => sweep::SplitMode::Area,
@@ -126,6 +126,31 @@ fn request(scenario: &Scenario, bases: &Bases) -> SweepRequest {
         margin_m: fleet.margin_m,
         entry_m: Some((0..fleets).map(|f| bases.centre_m(f)).collect()),
     }
+}
+
+/// Charge of a drone's battery at the start, as a fraction.
+fn charge(scenario: &Scenario, drone: DroneId) -> f64 {
+    let charges = scenario.battery.charges.as_ref();
+    charges.and_then(|charges| charges.get(usize::from(drone.0) - 1)).copied().unwrap_or(1.0)
+}
+
+/// Charge that a fleet can spend before the first of its drones has to return, as a fraction.
+fn usable(scenario: &Scenario, fleet: usize) -> f64 {
+    let low = f64::from(SupervisorConfig::default().battery_low_permille) * 1e-3;
+    let members = (1..=3).map(|slot| DroneId((3 * fleet + slot) as u16));
+    members.map(|drone| charge(scenario, drone) - low).fold(f64::INFINITY, f64::min).max(0.0)
+}
+
+/// The paper's p_i: what each fleet can fly, of what all can.
+fn by_endurance(scenario: &Scenario, fleets: usize) -> Vec<f64> {
+    let usable: Vec<f64> = (0..fleets).map(|fleet| usable(scenario, fleet)).collect();
+    let sum: f64 = usable.iter().sum();
+    // Where nobody can fly, or all as far, there is nothing to weigh.
+    let alike = usable.iter().all(|one| one.to_bits() == usable[0].to_bits());
+    if alike || sum <= 0.0 {
+        return vec![1.0 / fleets as f64; fleets];
+    }
+    usable.iter().map(|one| one / sum).collect()
 }
 
 /// Refuses lanes that say too little about users, or that no drone has room for.
@@ -154,9 +179,10 @@ fn check_lanes(sweep: &SweepPlan, plan: &MissionPlan) -> Result<(), RunError> {
 /// the supervisor allows, at cruise.
 fn check_endurance(scenario: &Scenario, sweep: &SweepPlan, plan: &MissionPlan) -> Result<(), RunError> {
     let battery = BatteryConfig::default();
-    let low = f64::from(SupervisorConfig::default().battery_low_permille) * 1e-3;
-    let usable_s =
-        scenario.battery.endurance_s * (1.0 - battery.spread_fraction) * (1.0 - low) / battery.cruise_draw;
+    let usable_s = |fleet: usize| {
+        let full_s = scenario.battery.endurance_s * (1.0 - battery.spread_fraction) / battery.cruise_draw;
+        full_s * usable(scenario, fleet)
+    };
     let assembly_s = plan.assembly.as_ref().map_or(0.0, |assembly| {
         2.0 * assembly.height_m() / CLIMB_MPS + assembly.longest_m() / plan.speed_mps
     });
@@ -164,10 +190,14 @@ fn check_endurance(scenario: &Scenario, sweep: &SweepPlan, plan: &MissionPlan) -
         let transit_m = plan.fleets[sub.fleet].transit_m();
         plan.altitude_m / CLIMB_MPS + assembly_s + transit_m / plan.speed_mps + sub.duration_s
     };
-    let longest_s = sweep.sub_areas.iter().map(needed_s).fold(0.0, f64::max);
-    if longest_s <= usable_s {
+    let spare_s = |sub: &&SubArea| usable_s(sub.fleet) - needed_s(sub);
+    let Some(worst) = sweep.sub_areas.iter().min_by(|a, b| spare_s(a).total_cmp(&spare_s(b))) else {
+        return Ok(());
+    };
+    if spare_s(&worst) >= 0.0 {
         return Ok(());
     }
+    let (longest_s, usable_s) = (needed_s(worst), usable_s(worst.fleet));
     Err(RunError::Infeasible(format!(
         "the sweep takes {longest_s:.0} s with climb and transit, and the batteries last {usable_s:.0} s \
          (battery.endurance_s less the reserve to return); more drones or a longer endurance would do"
@@ -464,7 +494,7 @@ fn drone(
             pps: Pps::new(pps, seed, index),
             wind: Wind::new(&wind, dt_s, seed, index),
             gnss: Gnss::new(&gnss, dt_s, seed, index),
-            battery: Battery::new(&battery, seed, index),
+            battery: Battery::new(&battery, seed, index).charged(charge(scenario, planned.id)),
             tick_hz: scenario.srs.tick_hz,
             toa_sigma_ns: scenario.srs.sigma_toa_ns,
             error_radius_m: scenario.fleet.r_s_m,

@@ -29,6 +29,7 @@ pub(super) fn check(scenario: &Scenario, source: &Source) -> Result<(), Scenario
     faults(scenario, source)?;
     partitions(scenario, source)?;
     proportions(scenario, source)?;
+    charges(scenario, source)?;
     let Scenario { srs, users, fleet, .. } = scenario;
     require(srs.nlos_min_ns <= srs.nlos_max_ns, source, "srs.nlos_min_ns", srs.nlos_min_ns, || {
         format!("at most srs.nlos_max_ns = {}", srs.nlos_max_ns)
@@ -287,6 +288,16 @@ fn proportions(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError
     require((sum - 1.0).abs() <= SUM_TOLERANCE, source, field, format!("a sum of {sum}"), || {
         "a sum of 1".to_owned()
     })
+}
+
+/// One charge for each drone.
+fn charges(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
+    let field = "battery.charges";
+    let (Some(charges), drones) = (&scenario.battery.charges, scenario.fleet.drones) else { return Ok(()) };
+    require(charges.len() == drones as usize, source, field, format!("{} charges", charges.len()), || {
+        format!("{drones}, one for each drone")
+    })?;
+    charges.iter().try_for_each(|&charge| in_bounds(source, field, charge, 0.0..=1.0))
 }
 
 /// A number between two bounds; NaN is between none.

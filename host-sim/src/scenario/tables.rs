@@ -491,11 +491,13 @@ impl Default for LinkTable {
 pub struct BatteryTable {
     /// Time of flight on a full charge.
     pub endurance_s: f64,
+    /// Charge of each drone's battery at the start, as a fraction; all full where none is stated.
+    pub charges: Option<Vec<f64>>,
 }
 
 impl Default for BatteryTable {
     fn default() -> Self {
-        Self { endurance_s: 21_600.0 }
+        Self { endurance_s: 21_600.0, charges: None }
     }
 }
 

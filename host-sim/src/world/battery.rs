@@ -96,6 +96,12 @@ impl Battery {
         }
     }
 
+    /// The same with this fraction of its charge left.
+    #[must_use]
+    pub fn charged(self, fraction: f64) -> Self {
+        Self { left_s: self.left_s * fraction.clamp(0.0, 1.0), ..self }
+    }
+
     /// Draws for `dt_s`. An empty battery stays empty.
     pub fn step(&mut self, load: Load, dt_s: f64) {
         let draw = match load {
@@ -156,6 +162,12 @@ mod tests {
         assert_eq!(battery.charge_permille(), 500);
         battery.step(Load::Flying { air_speed_mps: 0.0 }, 1e6);
         assert_eq!((battery.charge_permille(), battery.is_empty()), (0, true));
+    }
+
+    #[test]
+    fn a_battery_that_is_not_full_ends_sooner() {
+        assert_eq!(nominal().charged(0.5).charge_permille(), 500);
+        assert_eq!(lasts_s(nominal().charged(0.5), Load::Flying { air_speed_mps: 0.0 }), 10_800);
     }
 
     #[test]

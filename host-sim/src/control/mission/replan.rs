@@ -196,7 +196,11 @@ impl ControlCenter {
             let left = match telemetry.phase {
                 FlightPhase::ReturnHome | FlightPhase::Landing => true,
                 FlightPhase::Grounded => aloft,
-                _ => false,
+                // It was not ready for the start, and refused it.
+                FlightPhase::TakeOff | FlightPhase::GoTo | FlightPhase::Serve => {
+                    self.stage == Stage::Sweep && self.sweep_started.is_some_and(|at| telemetry.time > at)
+                }
+                FlightPhase::Hold | FlightPhase::Sweep => false,
             };
             left || telemetry.mission != Some(mission)
         };
