@@ -3,6 +3,7 @@
 
 pub mod boards;
 pub mod flight_board;
+pub mod fuzz;
 pub mod line;
 pub mod mission;
 pub mod processes;

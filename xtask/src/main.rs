@@ -6,6 +6,7 @@ mod bench;
 mod budget;
 mod check;
 mod firmware;
+mod fuzz;
 mod image;
 mod process;
 mod proof;
@@ -27,7 +28,7 @@ struct Subcommand {
 }
 
 /// Everything `cargo xtask` can do.
-const SUBCOMMANDS: [Subcommand; 4] = [
+const SUBCOMMANDS: [Subcommand; 5] = [
     Subcommand {
         name: "setup",
         summary: "install what the cross build, the emulator and the page tests need",
@@ -40,6 +41,12 @@ const SUBCOMMANDS: [Subcommand; 4] = [
         summary: "build a board's image",
         help: firmware::HELP,
         run: firmware::run,
+    },
+    Subcommand {
+        name: "fuzz",
+        summary: "give decoders and readers of files random bytes",
+        help: fuzz::HELP,
+        run: fuzz::run,
     },
     Subcommand {
         name: "bench",
@@ -115,6 +122,9 @@ mod tests {
             &["bench", "--quick"],
             &["bench", "a", "--slow"],
             &["bench", "--slow", "a"],
+            &["fuzz", "frame"],
+            &["fuzz", "--seconds"],
+            &["fuzz", "--list", "--quick"],
             &["firmware"],
             &["firmware", "stm32f405"],
             &["firmware", "--board"],
