@@ -4,6 +4,7 @@
 pub mod boards;
 pub mod faults;
 pub mod flight_board;
+pub mod fuzz;
 pub mod line;
 pub mod mission;
 pub mod processes;

@@ -22,7 +22,7 @@ Runs every check in this order and stops at the first that fails:
            firmware/budgets.toml, no panic, allocation or recursion in a step; and the link of
            step_proof, which fails where the flight code can panic
   build    polars' reader of Parquet
-  test     unit, property, documentation and mission tests
+  test     unit, property, documentation and mission tests, and some seconds of `cargo xtask fuzz`
   budget   instructions and stack of the worst steps on the emulated board
   doc      documentation, warnings denied
 ";

@@ -7,6 +7,7 @@ mod budget;
 mod check;
 mod faults;
 mod firmware;
+mod fuzz;
 mod image;
 mod process;
 mod proof;
@@ -47,6 +48,12 @@ const SUBCOMMANDS: [Subcommand; 5] = [
         summary: "build a board's image",
         help: firmware::HELP,
         run: firmware::run,
+    },
+    Subcommand {
+        name: "fuzz",
+        summary: "give decoders and readers of files random bytes",
+        help: fuzz::HELP,
+        run: fuzz::run,
     },
     Subcommand {
         name: "bench",
@@ -125,6 +132,9 @@ mod tests {
             &["bench", "--quick"],
             &["bench", "a", "--slow"],
             &["bench", "--slow", "a"],
+            &["fuzz", "frame"],
+            &["fuzz", "--seconds"],
+            &["fuzz", "--list", "--quick"],
             &["firmware"],
             &["firmware", "stm32f405"],
             &["firmware", "--board"],

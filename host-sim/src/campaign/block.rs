@@ -13,7 +13,8 @@ pub(super) const HEADER: &str =
 const CHECKSUM: &str = "# xxh3 ";
 
 /// A block's rows as its file holds them.
-pub(super) fn encode(manifest: &Manifest, block: u64, rows: &[Row]) -> String {
+#[must_use]
+pub fn encode(manifest: &Manifest, block: u64, rows: &[Row]) -> String {
     let mut text = format!("{}\n{HEADER}\n", stamp(manifest, block));
     rows.iter().for_each(|row| push_row(&mut text, row));
     let checksum = hash(text.as_bytes());
@@ -25,7 +26,7 @@ pub(super) fn encode(manifest: &Manifest, block: u64, rows: &[Row]) -> String {
 ///
 /// # Errors
 /// What is wrong with it: it is then to be run again.
-pub(super) fn decode(manifest: &Manifest, plan: &Plan, block: u64, bytes: &[u8]) -> Result<Vec<Row>, String> {
+pub fn decode(manifest: &Manifest, plan: &Plan, block: u64, bytes: &[u8]) -> Result<Vec<Row>, String> {
     let text = std::str::from_utf8(bytes).map_err(|_| "it is no text".to_owned())?;
     let end = text.rfind(CHECKSUM).ok_or("it ends without its checksum")?;
     let (body, last) = text.split_at(end);

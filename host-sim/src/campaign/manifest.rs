@@ -86,7 +86,10 @@ pub enum ManifestError {
 
 impl Manifest {
     /// Of a plan, to be run by this program.
-    pub(super) fn of(plan: &Plan, plan_toml: String) -> Result<Self, FileError> {
+    ///
+    /// # Errors
+    /// [`FileError`] where this program cannot be read.
+    pub fn of(plan: &Plan, plan_toml: String) -> Result<Self, FileError> {
         let block = |block: u64| {
             let runs = plan.block(block)?;
             Some(PlannedBlock { block, first_run: runs.start, runs: runs.end - runs.start })
@@ -115,10 +118,18 @@ impl Manifest {
             }
             read => read.map_err(files::failed(&path, "read"))?,
         };
-        let manifest: Self =
-            serde_json::from_str(&text).map_err(|error| ManifestError::Json { path: path.clone(), error })?;
+        Self::parse(&path, &text)
+    }
+
+    /// Reads the text of the manifest at `path` and the plan in it, and holds one against the other.
+    ///
+    /// # Errors
+    /// [`ManifestError`], and what is wrong with the plan.
+    pub fn parse(path: &Path, text: &str) -> Result<(Self, Plan), super::CampaignError> {
+        let manifest: Self = serde_json::from_str(text)
+            .map_err(|error| ManifestError::Json { path: path.to_owned(), error })?;
         let field = |field, found: String, expected: String| ManifestError::Field {
-            path: path.clone(),
+            path: path.to_owned(),
             field,
             found,
             expected,
@@ -162,7 +173,8 @@ impl Manifest {
     }
 
     /// As the file holds it.
-    pub(super) fn to_json(&self) -> String {
+    #[must_use]
+    pub fn to_json(&self) -> String {
         // Plain data with names for keys: there is nothing in it that JSON could not say.
         serde_json::to_string_pretty(self).map_or_else(|_| String::new(), |text| text + "\n")
     }

@@ -14,7 +14,7 @@
 //! appears by a rename, so that it is there whole or not at all, and bears a checksum, so that damage is seen and the
 //! block run again. So blocks may be run by anything that starts commands: killed, started twice, in any order.
 
-mod block;
+pub mod block;
 mod closed;
 pub mod figures;
 mod files;

@@ -46,7 +46,7 @@ use std::path::Path;
 
 pub use fault::AreaError;
 use fault::Fault;
-pub use obstacles::{Obstacle, read_fence, read_obstacles};
+pub use obstacles::{Obstacle, parse_fence, parse_obstacles, read_fence, read_obstacles};
 
 use crate::geometry::frame::LocalFrame;
 use crate::geometry::region::Region;

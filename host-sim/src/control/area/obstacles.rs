@@ -42,8 +42,16 @@ pub struct Obstacle {
 /// # Errors
 /// [`AreaError`] names the file, the feature and the vertex, what was found, and what is expected.
 pub fn read_obstacles(file: &Path, frame: &LocalFrame) -> Result<Vec<Obstacle>, AreaError> {
+    parse_obstacles(file, &read_file(file)?, frame)
+}
+
+/// The obstacles that a file of that name holds.
+///
+/// # Errors
+/// As [`read_obstacles`].
+pub fn parse_obstacles(file: &Path, bytes: &[u8], frame: &LocalFrame) -> Result<Vec<Obstacle>, AreaError> {
     let read = |bytes: &[u8]| obstacles(text(bytes)?, frame);
-    read(&read_file(file)?).map_err(|fault| fault.in_file(file))
+    read(bytes).map_err(|fault| fault.in_file(file))
 }
 
 /// The fence of a file: its one Polygon, without holes and convex.
@@ -51,8 +59,16 @@ pub fn read_obstacles(file: &Path, frame: &LocalFrame) -> Result<Vec<Obstacle>, 
 /// # Errors
 /// As [`read_obstacles`].
 pub fn read_fence(file: &Path, frame: &LocalFrame) -> Result<Polygon, AreaError> {
+    parse_fence(file, &read_file(file)?, frame)
+}
+
+/// The fence that a file of that name holds.
+///
+/// # Errors
+/// As [`read_obstacles`].
+pub fn parse_fence(file: &Path, bytes: &[u8], frame: &LocalFrame) -> Result<Polygon, AreaError> {
     let read = |bytes: &[u8]| fence(text(bytes)?, frame);
-    read(&read_file(file)?).map_err(|fault| fault.in_file(file))
+    read(bytes).map_err(|fault| fault.in_file(file))
 }
 
 fn fence(text: &str, frame: &LocalFrame) -> Result<Polygon, Fault> {

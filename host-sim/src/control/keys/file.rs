@@ -179,11 +179,12 @@ impl KeyFile {
     /// [`KeyFileError::Format`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, KeyFileError> {
         let wrong = |what: String| KeyFileError::Format { path: path.to_owned(), what };
-        // The parser's own words would show the line, and with it the key.
+        // The parser's own words would show the line, and with it the key; and so would what it quotes.
         let table: Table = toml::from_str(text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start);
             let line = 1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count();
-            wrong(format!("line {line}: {}, expected a file of `skyroost keys new`", error.message()))
+            let what = error.message().split(['`', '"']).next().unwrap_or_default().trim_end();
+            wrong(format!("line {line}: {what}, expected a file of `skyroost keys new`"))
         })?;
         if table.format != FORMAT {
             return Err(wrong(format!("format {}, expected {FORMAT}", table.format)));

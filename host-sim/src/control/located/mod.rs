@@ -133,11 +133,19 @@ impl LocatedUsers {
             )
             .into());
         }
-        let content = fs::read(file).map_err(|error| refused(LineError::Io(error)))?;
+        Self::parse(file, &fs::read(file).map_err(|error| refused(LineError::Io(error)))?)
+    }
+
+    /// Reads what a file of that name holds.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn parse(file: &Path, content: &[u8]) -> Result<Self, LocatedError> {
+        let refused = |error: LineError| RowsError::new(file, error);
         let suffix = file.extension().map(|suffix| suffix.to_string_lossy().to_lowercase());
         match suffix.as_deref() {
-            Some("geojson" | "json") => geojson::parse(file, &content),
-            _ => Ok(Self::parse_csv(&content).map_err(refused)?),
+            Some("geojson" | "json") => geojson::parse(file, content),
+            _ => Ok(Self::parse_csv(content).map_err(refused)?),
         }
     }
 
