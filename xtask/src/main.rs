@@ -29,7 +29,7 @@ struct Subcommand {
 }
 
 /// Everything `cargo xtask` can do.
-const SUBCOMMANDS: [Subcommand; 5] = [
+const SUBCOMMANDS: [Subcommand; 6] = [
     Subcommand {
         name: "setup",
         summary: "install what the cross build, the emulator and the page tests need",
