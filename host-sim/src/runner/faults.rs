@@ -6,7 +6,7 @@ use crate::{
 };
 use rand_chacha::ChaCha8Rng;
 use rand_core::Rng;
-use skyroost_firmware::STEP_S;
+use skyroost_firmware::STEP_US;
 use skyroost_protocol::codec::{Frame, MAX_FRAME};
 
 /// How far a clock jumps: a tenth of a millisecond, 30 km of light.
@@ -55,7 +55,7 @@ pub(super) struct Now {
 
 /// The step in which a time lies.
 fn step_of(s: f64) -> u64 {
-    (s / f64::from(STEP_S)).ceil() as u64
+    (s * 1e6 / STEP_US as f64 - 1e-6).ceil() as u64
 }
 
 impl DroneFaults {

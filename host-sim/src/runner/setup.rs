@@ -52,6 +52,7 @@ use skyroost_protocol::{
     units::{DroneId, TimePs},
 };
 use std::f64::consts::SQRT_2;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Climb to the altitude of flight, metres a second.
 const CLIMB_MPS: f64 = 2.5;
@@ -257,9 +258,17 @@ fn mission_plan(
         },
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
         resweep: None,
+        origin: origin(scenario),
         keys,
         rekey_period: scenario.link.rekey_s.map(|period_s| TimePs((period_s * 1e12) as i64)),
     }
+}
+
+/// A scenario as a number, wherever it is cut off.
+fn origin(scenario: &Scenario) -> u64 {
+    let mut scenario = scenario.clone();
+    scenario.mission.duration_s = None;
+    xxh3_64(format!("{scenario:?}").as_bytes())
 }
 
 /// What seals the links of so many drones.

@@ -312,12 +312,14 @@ impl DroneLink {
     pub fn watched(&mut self, now: TimePs, relay_period: TimePs) -> Option<bool> {
         let periods = TimePs(relay_period.0.saturating_mul(SILENT_PERIODS));
         let silent_for = periods.max(SILENT_FOR).min(MOST_SILENT_FOR);
-        // On the ground nobody minds for a while.
-        let silent_for = if self.in_the_air() { silent_for } else { SILENT_ON_GROUND };
-        let silent = self.connected
-            && now.since(self.heard) >= if self.lost.is_some() { SILENT_FOR } else { silent_for };
-        // One that never answered stays given up.
-        if silent == self.lost.is_some() || !self.connected {
+        let silence = self.silence(now);
+        let silent = match (self.lost, self.in_the_air()) {
+            (Some(_), false) => silence >= SILENT_FOR,
+            (_, true) => silence >= silent_for,
+            // On the ground nobody minds for a while.
+            (None, false) => self.connected && silence >= SILENT_ON_GROUND,
+        };
+        if silent == self.lost.is_some() {
             return None;
         }
         self.lost = silent.then_some(now);

@@ -53,6 +53,8 @@ pub struct MissionPlan {
     pub relay_period: TimePs,
     /// What a sweep is planned from anew when drones fall out; none to go on as planned, whatever happens.
     pub resweep: Option<Resweep>,
+    /// What the mission was planned from, as a number: tells missions apart whose plans are alike.
+    pub origin: u64,
     /// What seals the links.
     pub keys: LinkKeys,
     /// Every so often the keys of the links are changed, if ever.

@@ -159,6 +159,7 @@ mod tests {
             localize: LocalizeConfig::default(),
             relay_period: TimePs::from_ms(relay_ms),
             resweep: None,
+            origin: 0,
             keys: LinkKeys::none(),
             rekey_period: None,
         })
