@@ -77,10 +77,17 @@ fn words(code: &str) -> impl Iterator<Item = &str> {
     code.split(|c: char| !(c.is_alphanumeric() || c == '_'))
 }
 
+/// The one place that double precision is good for: sine and cosine, some times a mission, whose sums and products are as exact in
+/// a board's software.
+const DOUBLE_PRECISION_IN: &str = "src/scalar.rs";
+
 #[test]
 fn shared_code_has_no_banned_word() {
     for (path, code) in shared_code() {
         for (banned, why) in BANNED {
+            if banned == "f64" && path.ends_with(DOUBLE_PRECISION_IN) {
+                continue;
+            }
             assert!(!words(&code).any(|word| word == banned), "{}: `{banned}`: {why}", path.display());
         }
     }

@@ -4,7 +4,7 @@
 //! so one drone's error does not shake the others.
 
 use super::lanes::TrackPoint;
-use crate::{Vec2, guidance::Reference};
+use crate::{Vec2, guidance::Reference, scalar::sin_cos};
 use skyroost_protocol::message::Heading;
 
 /// `2 pi / 3`.
@@ -26,7 +26,7 @@ impl Slot {
     /// [`Heading::AlongTrack`]).
     #[must_use]
     pub fn new(number: u8, spacing_m: f32, orientation_rad: f32, heading: Heading) -> Self {
-        let (sin, cos) = libm::sincosf(orientation_rad + f32::from(number) * THIRD_TURN_RAD);
+        let (sin, cos) = sin_cos(orientation_rad + f32::from(number) * THIRD_TURN_RAD);
         Self { offset_m: Vec2::new(cos, sin) * (spacing_m * INV_SQRT_3), heading }
     }
 

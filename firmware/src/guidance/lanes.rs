@@ -8,7 +8,7 @@
 use crate::{
     Vec2,
     avoid::walls::Wall,
-    scalar::{greater, lesser},
+    scalar::{greater, lesser, sin_cos},
 };
 use heapless::Vec;
 use skyroost_protocol::message::{MAX_WAYPOINTS, WAYPOINTS_PER_WALL};
@@ -449,7 +449,7 @@ fn in_fillet(corner: &Corner, speed_mps: f32, share: f32) -> TrackPoint {
 
 /// `v` turned left by `angle_rad`.
 fn rotated(v: Vec2, angle_rad: f32) -> Vec2 {
-    let (sin, cos) = libm::sincosf(angle_rad);
+    let (sin, cos) = sin_cos(angle_rad);
     Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y)
 }
 
