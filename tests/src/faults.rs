@@ -8,6 +8,7 @@ use skyroost_firmware::supervisor::Condition;
 use skyroost_host_sim::{
     control::mission::{Happening, MissionError, Stage},
     fleet::Backend,
+    geometry::V3,
     rng::{self, Stream},
     runner::{self, MissionInput, Outcome, RunError, RunOptions, Sight},
     scenario::{FaultKind, FaultTable, LossTable, PartitionTable, Scenario},
@@ -124,14 +125,24 @@ struct Watch {
     occasions: usize,
     /// When the control center was last away, seconds.
     away_s: f64,
-    /// Stage and events told so far, where they are told.
-    told: Option<(Option<Stage>, usize)>,
+    /// Stage and events told so far and when, where they are told.
+    told: Option<(Option<Stage>, usize, f64)>,
 }
 
 impl Watch {
     /// Tells what has happened since it was last told.
     fn tell(&mut self, sight: &Sight<'_>) {
-        let Some((stage, events)) = &mut self.told else { return };
+        let Some((stage, events, told_s)) = &mut self.told else { return };
+        let news = sight.control.events().len() != *events || *stage != Some(sight.control.stage());
+        if news {
+            *told_s = sight.t_s;
+        } else if sight.t_s >= *told_s + 60.0 {
+            *told_s = sight.t_s;
+            let place =
+                |(index, at): (usize, &V3)| format!("{}: {:.0} {:.0} {:.1}", index + 1, at.x, at.y, at.z);
+            let places: Vec<String> = sight.positions_m.iter().enumerate().map(place).collect();
+            println!("{:8.2} s  nothing new, drones at {} m", sight.t_s, places.join(", "));
+        }
         for event in sight.control.events().get(*events..).unwrap_or_default() {
             println!(
                 "{:8.2} s  drone {:2}  {}",
@@ -201,7 +212,7 @@ fn said(what: &Happening) -> String {
 /// When the flight code or the control center does.
 #[must_use]
 pub fn fly_and_tell(seed: u64) -> Flown {
-    fly_watched(seed, Watch { told: Some((None, 0)), ..Watch::default() })
+    fly_watched(seed, Watch { told: Some((None, 0, 0.0)), ..Watch::default() })
 }
 
 /// Flies the mission of a seed.

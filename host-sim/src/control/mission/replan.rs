@@ -100,6 +100,8 @@ pub(super) struct Progress {
     pub(super) ends: Option<TimePs>,
     /// Drones told to stop for the plan to come.
     told: Vec<bool>,
+    /// Drones that the present plan could count on, whether it has a place for them or not.
+    counted: Vec<usize>,
     /// Something is left over even when all lanes are flown.
     cut_off: bool,
     /// All plans but the first.
@@ -233,8 +235,22 @@ impl ControlCenter {
         if broken_by.is_empty() && !self.has_company(now) {
             return Ok(false);
         }
-        if !self.may_replan() {
+        if self.plan.resweep.is_none() {
             return self.check_sweepers(now).map(|()| false);
+        }
+        if !self.may_replan() {
+            // Whatever keeps breaking fleets will not stop: what is known is used.
+            let (end_before, end_after) = (self.progress.ends, None);
+            self.progress.replans.push(Replan {
+                at: now,
+                broken_by,
+                fleets: 0,
+                left_m2: 0.0,
+                end_before,
+                end_after,
+            });
+            self.plan.drones.iter_mut().for_each(|planned| planned.fleet = None);
+            return self.enter(Stage::Collect, now).map(|()| true);
         }
         self.halt(now, broken_by)?;
         Ok(true)
@@ -263,8 +279,10 @@ impl ControlCenter {
             );
             self.plan.drones[drone].fleet.is_none() && ready && self.can_sweep(drone)
         };
-        // Reserves that were never more than two are not company; drones that came back are.
-        self.progress.revision > 0 && (0..self.drones.len()).filter(idle).count() >= 3
+        let spare: Vec<usize> = (0..self.drones.len()).filter(idle).collect();
+        // Those that the plan has no place for are no company; with one that came back they are.
+        let came_back = |drone: &usize| !self.progress.counted.contains(drone);
+        self.progress.revision > 0 && spare.len() >= 3 && spare.iter().any(came_back)
     }
 
     /// Plans anew for what the lanes did not hold, once they are flown.
@@ -342,6 +360,7 @@ impl ControlCenter {
     /// Plans the rest of the sweep for the survivors: what comes next.
     fn replan(&mut self, now: TimePs, survivors: &[Survivor]) -> Stage {
         self.book_swept();
+        self.progress.counted = survivors.iter().map(|it| it.drone).collect();
         let Some(again) = self.plan.resweep.take() else { return Stage::Collect };
         let left = regroup::left(&again.region, &self.progress.swept, again.request.margin_m);
         let whole: Vec<[usize; 3]> =

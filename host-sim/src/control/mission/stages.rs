@@ -8,6 +8,7 @@ use super::{
 };
 use crate::{
     control::{
+        airspace::KeepOut,
         assign::assign,
         localize::{FixStatus, localize},
         place::{Fleet, UserBelief, place_expected},
@@ -38,7 +39,7 @@ impl ControlCenter {
         if mends && self.mend(now)? {
             return Ok(());
         }
-        if self.progress.revision > 0 && self.stage <= Stage::Halt {
+        if self.progress.revision > 0 && self.stage < Stage::Halt {
             self.send_spare_home(now);
         }
         if matches!(self.stage, Stage::Deploy | Stage::Refine | Stage::Serve)
@@ -306,12 +307,25 @@ impl ControlCenter {
         let planned = planned.filter_map(|(index, site)| Some((index, site.as_ref()?.pos_m)));
         let (indices, asked_m): (Vec<usize>, Vec<V2>) = planned.unzip();
         // A site where no drone may be is moved to the nearest place where one may.
-        let settled =
-            self.plan.airspace.settled(&asked_m, self.plan.min_goal_distance_m, &self.lost_places(now));
-        let sites: Vec<(usize, V2)> =
-            indices.into_iter().zip(settled).filter_map(|(index, at)| Some((index, at?))).collect();
-        let goals: Vec<V2> = sites.iter().map(|(_, pos_m)| *pos_m).collect();
-        let chosen = assign(&from, &goals);
+        let apart_m = self.plan.min_goal_distance_m;
+        let settled = |keep_out: &[KeepOut]| -> Vec<(usize, V2)> {
+            let settled = self.plan.airspace.settled(&asked_m, apart_m, keep_out);
+            indices.iter().copied().zip(settled).filter_map(|(index, at)| Some((index, at?))).collect()
+        };
+        let mut keep_out = self.lost_places(now);
+        let mut sites = settled(&keep_out);
+        let goals = |sites: &[(usize, V2)]| sites.iter().map(|(_, pos_m)| *pos_m).collect::<Vec<V2>>();
+        let mut chosen = assign(&from, &goals(&sites));
+        // Nobody serves above the pad that another one lands on: they would push each other down.
+        let pad =
+            |&drone: &usize| KeepOut { centre_m: self.plan.drones[drone].pad_m.xy(), radius_m: apart_m };
+        let home = living.iter().enumerate().filter(|(place, _)| !chosen.contains(place));
+        let pads: Vec<KeepOut> = home.map(|(_, drone)| pad(drone)).collect();
+        if sites.iter().any(|(_, at)| pads.iter().any(|pad| !pad.allows(*at))) {
+            keep_out.extend(living.iter().map(pad)); // whoever goes home then
+            sites = settled(&keep_out);
+            chosen = assign(&from, &goals(&sites));
+        }
         let station_of = |place: usize| {
             let (site, pos_m) = sites[chosen.iter().position(|&d| d == place)?];
             Some(Station { site, pos_m })
