@@ -82,9 +82,10 @@ fn what_is_wrong_is_named_and_no_key_is_repeated() {
         ("format = 1", "format = 7", "format 7, expected 1"),
         ("format = 1", "format = 1\nsecret = 1", "line 3"),
         ("control_boots = 0", "control_boots = -1", "line 3"),
-        ("id = 2", &format!("id = \"{key}\""), "line 10"),
-        ("id = 2", &format!("{key} = 2"), "line 10"),
-        ("id = 2", &format!("id = 2\n{}\\\"{key}", "x = \""), "line 11"),
+        ("id = 2", &format!("id = \"{key}\""), "line 11"),
+        ("id = 2", &format!("{key} = 2"), "line 11"),
+        ("id = 2", &format!("id = 2\n{}\\\"{key}", "x = \""), "line 12"),
+        ("control_key = \"", "control_key = \"0", "control_key is none"),
     ] {
         fs::write(bench.path("fleet.keys"), text.replacen(from, to, 1)).unwrap();
         let ran = bench.run(&["keys", "show", "fleet.keys"]);
