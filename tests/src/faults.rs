@@ -1,6 +1,6 @@
 //! Whole missions to which random things happen: all from one seed each, watched second by second, and to be flown again by it.
 //!
-//! The missions are short: some square kilometres, six to nine drones. What must hold whatever happens is in [`Watch`]; what may happen
+//! The missions are short: some square kilometres, six to nine drones. What must hold whatever happens is in `Watch`; what may happen
 //! in [`scenario`].
 
 use rand_core::Rng;

@@ -1,6 +1,6 @@
 //! Drones fall out and come back: who still flies the sweep, how far it has come, and when it is planned anew.
 //!
-//! A fleet is broken when one of its drones has been silent for [`GIVE_UP_AFTER`], turned home by itself, lost its memory or
+//! A fleet is broken when one of its drones has been silent for 15 s, turned home by itself, lost its memory or
 //! captures nothing any more. Then everybody stops, what is left of the area is [regrouped](crate::control::regroup), the new
 //! lanes are uploaded, and the sweep goes on from wherever the drones are. Users located so far stay located.
 
