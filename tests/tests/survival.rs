@@ -125,7 +125,12 @@ fn a_mission_killed_goes_on_from_its_journal() {
     let scenario = dir.path().join("survival.toml");
     fs::write(&scenario, "name = 'killed'\n[area]\nwidth_m = 3_000\nheight_m = 3_000\n[fleet]\ndrones = 6\n")
         .unwrap();
-    let words = [scenario.to_str().unwrap(), "--journal", journal.to_str().unwrap()];
+    let keys = dir.path().join("fleet.keys");
+    let made =
+        Command::new(binary()).args(["keys", "new", "--drones", "6", "--out"]).arg(&keys).output().unwrap();
+    assert!(made.status.success());
+    let [journal_word, keys_word] = [&journal, &keys].map(|path| path.to_str().unwrap());
+    let words = [scenario.to_str().unwrap(), "--journal", journal_word, "--keys", keys_word];
     let undisturbed = fly(&words[..1]);
     for wait_ms in [150, 400, 900] {
         let out = dir.path().join("killed");
@@ -147,9 +152,14 @@ fn a_mission_killed_goes_on_from_its_journal() {
         is(&flown, "/localization/located", undisturbed.number("/localization/located"));
         assert_eq!(placed(&flown), placed(&undisturbed));
     }
+    // Whose world was flown there as if nobody had been killed cannot be flown there once more.
+    let (output, _) = run(&[&words[..], &["--resume"]].concat());
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("went on from it already"));
     // Another mission's journal is refused.
-    let other = [words[0], "--seed", "2", "--resume", words[1], words[2]];
-    let (output, _) = run(&other);
+    let (output, _) = run(&[words[0], "--journal", journal_word]);
+    assert_eq!(output.status.code(), Some(0));
+    let (output, _) = run(&[words[0], "--seed", "2", "--resume", "--journal", journal_word]);
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("journal of another mission"));
 }

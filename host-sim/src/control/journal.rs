@@ -54,6 +54,12 @@ pub enum JournalError {
         /// Which file.
         path: PathBuf,
     },
+    /// It went on before: the world of a simulation is flown there again as if nobody had been killed, and somebody was.
+    #[error("{}: found the journal of a mission that went on from it already, expected one that was killed once", .path.display())]
+    Resumed {
+        /// Which file.
+        path: PathBuf,
+    },
     /// What it tells ends a mission.
     #[error(transparent)]
     Mission(#[from] MissionError),
@@ -113,6 +119,22 @@ impl Journal {
         let file = OpenOptions::new().append(true).open(path).map_err(io)?;
         file.set_len((MAGIC.len() + read) as u64).map_err(io)?;
         Ok((Self { path: path.to_owned(), file, step: Vec::new() }, replayed))
+    }
+
+    /// The boots of the control centers that wrote a journal, in their order.
+    ///
+    /// # Errors
+    /// [`JournalError`], where there is no journal.
+    pub fn boots(path: &Path) -> Result<Vec<u16>, JournalError> {
+        let bytes = fs::read(path).map_err(|source| JournalError::Io { path: path.to_owned(), source })?;
+        let mut rest = bytes.strip_prefix(MAGIC).ok_or(JournalError::NoJournal { path: path.to_owned() })?;
+        let mut boots = Vec::new();
+        while let Some(record) = next(&mut rest) {
+            if let [kind::PLAN | kind::RESUME, .., low, high] = *record {
+                boots.push(u16::from_le_bytes([low, high]));
+            }
+        }
+        if boots.is_empty() { Err(JournalError::NoJournal { path: path.to_owned() }) } else { Ok(boots) }
     }
 
     /// A frame came in, of the step under way.

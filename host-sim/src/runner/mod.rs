@@ -72,7 +72,10 @@ const SERVE_FOR_S: f64 = 2.0;
 /// As [`RunError`] says; nothing is written in any case.
 pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, RunError> {
     let started = Instant::now();
-    let setup = Setup::new(input)?;
+    let mut setup = Setup::new(input)?;
+    let killed = input.scenario.faults.iter().filter(|fault| fault.kind == FaultKind::ControlKilled);
+    let kills = killed.map(|fault| Kill { at_s: fault.at_s, for_s: fault.for_s }).collect();
+    let survival = Survival::new(&options.journal, kills, &mut setup.plan)?;
     let hangar = options.backend.open(setup.plan.drones.len())?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads)
@@ -82,7 +85,7 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
         // Islands that wait for boards of their own wait side by side.
         let remote = if options.backend.is_remote() { setup.islands() } else { 1 };
         let mut flight = Flight::new(input, &setup, &hangar, rayon::current_num_threads().max(remote))?;
-        flight.run(input, &setup, options)?;
+        flight.run(input, &setup, survival, options)?;
         flight.reports = flight.board_reports()?;
         let (simulated_s, shares, boards) = (flight.now_s(), flight.shares(), flight.reports.clone());
         let mut outcome = judge::outcome(input, &setup, options.backend.name(), flight)?;
@@ -187,10 +190,13 @@ impl Flight {
     }
 
     /// Flies until every drone serves, or to the scenario's cut-off.
-    fn run(&mut self, input: &MissionInput, setup: &Setup, options: &RunOptions<'_>) -> Result<(), RunError> {
-        let killed = input.scenario.faults.iter().filter(|fault| fault.kind == FaultKind::ControlKilled);
-        let kills = killed.map(|fault| Kill { at_s: fault.at_s, for_s: fault.for_s }).collect();
-        let mut survival = Survival::new(&options.journal, kills, &setup.plan)?;
+    fn run(
+        &mut self,
+        input: &MissionInput,
+        setup: &Setup,
+        mut survival: Survival,
+        options: &RunOptions<'_>,
+    ) -> Result<(), RunError> {
         let cut_off_s = input.scenario.mission.duration_s.unwrap_or(f64::INFINITY);
         let expected_s = self.expected_s();
         let mut serving_since_s = None;

@@ -32,15 +32,19 @@ pub(super) struct Survival {
     is_temporary: bool,
     kills: VecDeque<Kill>,
     back_at_s: Option<f64>,
+    /// The boot of a control center that goes on from a journal.
+    boot_epoch: u16,
 }
 
 impl Survival {
-    /// For a mission with this plan, whose control center dies at these times.
+    /// For a mission with this plan, whose control center dies at these times. Where it goes on from a journal, the plan's boot becomes the
+    /// one that the journal begins with: the world comes to where the journal ends as it did then.
     pub(super) fn new(
         options: &JournalOptions,
         mut kills: Vec<Kill>,
-        plan: &MissionPlan,
+        plan: &mut MissionPlan,
     ) -> Result<Self, RunError> {
+        let boot_epoch = plan.keys.boot_epoch();
         static NUMBER: AtomicU64 = AtomicU64::new(0);
         let name =
             || format!("skyroost-{}-{}.journal", process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
@@ -53,6 +57,10 @@ impl Survival {
         let mut journal = None;
         if let Some(for_s) = options.resume_after_s {
             // The world has to come there again, with the control center that was; then only its file counts.
+            let [first] = Journal::boots(file).map_err(failed)?[..] else {
+                return Err(failed(JournalError::Resumed { path: file.clone() }));
+            };
+            plan.keys = plan.keys.at_boot(first);
             let (_, replayed) = Journal::resume(file, plan.clone()).map_err(failed)?;
             let at_s = replayed.until.map_or(0.0, |until| until.0 as f64 * 1e-12 + 1e-6);
             kills = vec![Kill { at_s, for_s }];
@@ -60,7 +68,8 @@ impl Survival {
             journal = Some(Journal::create(file, plan).map_err(failed)?);
         }
         kills.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-        Ok(Self { journal, path, is_temporary: options.path.is_none(), kills: kills.into(), back_at_s: None })
+        let is_temporary = options.path.is_none();
+        Ok(Self { journal, path, is_temporary, kills: kills.into(), back_at_s: None, boot_epoch })
     }
 
     /// Whether there is a control center at `now`; it may die or come back then.
@@ -89,7 +98,7 @@ impl Survival {
         let (mut journal, replayed) = Journal::resume(path, plan.clone()).map_err(failed)?;
         *control = replayed.control;
         // Of a file of keys a boot was spent for this start; in a simulation they are counted on.
-        let epoch = plan.keys.boot_epoch().max(control.plan().keys.boot_epoch() + 1);
+        let epoch = self.boot_epoch.max(control.plan().keys.boot_epoch() + 1);
         journal.resumed(now, epoch).map_err(failed)?;
         control.resume(now, epoch);
         self.journal = Some(journal);
