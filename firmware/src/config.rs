@@ -37,6 +37,9 @@ pub struct AgentConfig {
     pub srs_symbols: u8,
     /// Time between two states shared for avoidance.
     pub share_period: TimePs,
+    /// Bytes a second that the link to the control center takes; 0 for any number. Where it takes less than it wants to say, what keeps
+    /// drones apart goes first, then what it measures, then telemetry.
+    pub uplink_bytes_per_s: u32,
     /// Separation to keep from everybody as long as there is no mission to say it, metres.
     pub d_safe_m: f32,
     /// What the airframe can do.
@@ -55,6 +58,7 @@ impl AgentConfig {
             oscillator: BASEBAND,
             srs_symbols: 1,
             share_period: TimePs::from_ms(100),
+            uplink_bytes_per_s: 0,
             d_safe_m: D_SAFE_M,
             limits: FlightLimits::COPTER,
             supervisor: SupervisorConfig::USUAL,

@@ -71,6 +71,10 @@ counters! {
     pulses_replaced,
     /// Steps more than half a wrap of the capture timer after the step before: its captures could not be placed.
     timer_gaps,
+    /// Pages of users heard that the uplink had no room for: the next ones come in a second.
+    pages_dropped,
+    /// Times that differences or telemetry began to wait for room on the uplink: put off and not lost.
+    frames_put_off,
 }
 
 impl Counters {
@@ -85,10 +89,10 @@ impl Counters {
         *counter = counter.saturating_add(1);
     }
 
-    /// Everything but frames that could not be read, in one number for telemetry.
+    /// Everything but frames that could not be read or were put off, in one number for telemetry.
     #[must_use]
     pub fn dropped(&self) -> u32 {
-        let decoded = Self { frames_rejected: 0, frames_forged: 0, ..*self };
-        decoded.to_array().iter().fold(0, |sum, n| sum.saturating_add(*n))
+        let lost = Self { frames_rejected: 0, frames_forged: 0, frames_put_off: 0, ..*self };
+        lost.to_array().iter().fold(0, |sum, n| sum.saturating_add(*n))
     }
 }

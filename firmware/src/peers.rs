@@ -10,16 +10,16 @@ use skyroost_protocol::{
 /// Most neighbours kept: what the control center relays.
 pub const MAX_PEERS: usize = 32;
 /// A state older than this tells where a neighbour was: it is silent, and may have stopped or flown on.
-const FRESH: TimePs = TimePs::from_ms(2_000);
+pub const FRESH: TimePs = TimePs::from_ms(2_000);
 /// How long a silent neighbour may fly on: by then its own supervisor has made it hold, as its link is lost.
-const FLIES_ON: TimePs = TimePs::from_ms(10_000);
+pub const FLIES_ON: TimePs = TimePs::from_ms(10_000);
 /// A neighbour that has been silent for so long is not there any more: a while before, its own supervisor made it return home, or it
 /// has fallen.
-const GONE: TimePs = TimePs::from_ms(75_000);
+pub const GONE: TimePs = TimePs::from_ms(75_000);
 /// Growth of the keep-out around the way of a silent neighbour, metres a second: drift, and turns.
 const DRIFT_MPS: f32 = 1.0;
 /// Most that drift adds, metres.
-const DRIFT_LIMIT_M: f32 = 20.0;
+pub const DRIFT_LIMIT_M: f32 = 20.0;
 
 /// A neighbour's last shared state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -196,6 +196,20 @@ mod tests {
             assert!(keep_out_m <= 30.0 + 1e-3);
         }
         assert_eq!(table.iter().count(), 1);
+    }
+
+    #[test]
+    fn who_is_gone_is_forgotten_and_nobody_else() {
+        let (mut table, mut counters) = (PeerTable::default(), Counters::default());
+        table.update(&heard(7, 1_000), &Vec3::zeros(), &mut counters);
+        table.update(&heard(8, 2_000), &Vec3::zeros(), &mut counters);
+        let known = |table: &PeerTable| table.iter().map(|peer| peer.drone.0).collect::<Vec<u16, 4>>();
+        table.forget_gone(TimePs::from_ms(75_999));
+        assert_eq!(known(&table), [7, 8]);
+        table.forget_gone(TimePs::from_ms(76_000));
+        assert_eq!(known(&table), [8]);
+        table.forget_gone(TimePs::from_ms(77_000));
+        assert_eq!(known(&table), []);
     }
 
     #[test]

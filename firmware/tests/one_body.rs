@@ -177,6 +177,7 @@ fn command(drone: &Drone, now: TimePs, t_s: f32) -> (Vec3, Vec3) {
         vertical: Vertical::Level,
         manner: Manner::formation(fleet.id()),
         arm_m: (place.pos_enu_m.xy() - point.pos_m).push(0.0),
+        waits: false,
     };
     let wanted = track(&nav, &place);
     let nobody = core::iter::empty();

@@ -238,7 +238,7 @@ impl Flight {
                     for capture in &inputs.captures {
                         flown.own_clock.insert(capture.occasion.0, state);
                     }
-                    srs[0].drain_tdoa(now_ps, |entry| flown.entries.push(entry));
+                    flown.entries.extend(std::iter::from_fn(|| srs[0].pop_tdoa(now_ps)));
                 } else {
                     srs[drone].drain_for_mates(5, |page| {
                         for entry in page {

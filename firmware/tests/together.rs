@@ -73,6 +73,8 @@ struct Sky {
     under_way: VecDeque<(usize, PeerState)>,
     step: usize,
     least_m: f32,
+    /// The first so many drones hear of nobody, and nobody of them.
+    cut_off: usize,
 }
 
 impl Sky {
@@ -105,20 +107,20 @@ impl Sky {
             }
         };
         let drones = (0..goals_m.len()).map(drone).collect();
-        let mut sky = Self { drones, under_way: VecDeque::new(), step: 3, least_m: f32::INFINITY };
+        let mut sky =
+            Self { drones, under_way: VecDeque::new(), step: 3, least_m: f32::INFINITY, cut_off: 0 };
         sky.fly_until(60.0, |drone| drone.phase() == FlightPhase::Hold);
-        for (drone, goal_m) in sky.drones.iter_mut().zip(goals_m) {
-            let target = PosEnuMm(goal_m.map(|m| (m * 1e3) as i32));
-            assert_eq!(drone.bench.command(Command::Place { target }), AckStatus::Accepted);
-        }
-        sky.step += 1;
+        sky.place(goals_m);
         sky
     }
 
     fn fly(&mut self) {
         while let Some((_, state)) = self.under_way.pop_front_if(|(sent, _)| *sent + DELAY_STEPS <= self.step)
         {
-            for drone in &mut self.drones {
+            if usize::from(state.drone.0) <= self.cut_off {
+                continue;
+            }
+            for drone in self.drones.iter_mut().skip(self.cut_off) {
                 drone.bench.tell(&Down::Peers([state].into_iter().collect()));
             }
         }
@@ -149,6 +151,15 @@ impl Sky {
                     self.least_m = lesser(self.least_m, apart_m);
                 }
             }
+        }
+        self.step += 1;
+    }
+
+    /// Sends every drone to a goal.
+    fn place(&mut self, goals_m: &[[f32; 3]]) {
+        for (drone, goal_m) in self.drones.iter_mut().zip(goals_m) {
+            let target = PosEnuMm(goal_m.map(|m| (m * 1e3) as i32));
+            assert_eq!(drone.bench.command(Command::Place { target }), AckStatus::Accepted);
         }
         self.step += 1;
     }
@@ -262,4 +273,50 @@ fn all_of_a_stack_land_at_once() {
     sky.serve();
     sky.drones.iter_mut().for_each(|drone| drone.battery_permille = CRITICAL);
     sky.comes_down("a stack");
+}
+
+/// While all cross the same place the control center dies, at any moment and for any time, or some lose their link: who hears of nobody
+/// stops, and waits until it does.
+#[test]
+fn nobody_crosses_the_others_ways_unheard() {
+    const ALL: usize = 7;
+    for (radius_m, begins_s) in [(60.0, 0..9), (100.0, 3..13), (150.0, 6..16)] {
+        for begun_s in begins_s {
+            for (cut_off, silent_s) in [(ALL, 3.0), (ALL, 5.0), (ALL, 8.0), (ALL, 20.0), (1, 5.0), (3, 8.0)] {
+                let mut goals_m = circle(ALL, radius_m);
+                let mut sky = Sky::at(&goals_m, Vertical::Preferred);
+                sky.serve();
+                // To the other side, all through the middle.
+                goals_m.iter_mut().for_each(|[x, y, _]| (*x, *y) = (120.0 - *x, -*y));
+                sky.place(&goals_m);
+                sky.fly_for(begun_s as f32);
+                sky.cut_off = cut_off;
+                sky.fly_for(silent_s);
+                sky.cut_off = 0;
+                sky.fly_for(60.0); // by when but for a pair that stands above each other all have arrived
+                let least_m = sky.least_m;
+                assert!(
+                    least_m >= D_SAFE_M,
+                    "{cut_off} cut off for {silent_s} s from {begun_s} s on, {radius_m} m around: {least_m} m"
+                );
+            }
+        }
+    }
+}
+
+/// A drone that its own supervisor sends home does not wait for a control center.
+#[test]
+fn who_has_to_come_home_does_not_wait() {
+    let mut sky = Sky::at(&[[10.0, 300.0, 50.0]], Vertical::Preferred);
+    sky.fly_for(15.0);
+    sky.cut_off = 1;
+    sky.fly_for(20.0);
+    let waits_at_m = sky.drones[0].bench.pos_enu_m;
+    assert_eq!(sky.drones[0].phase(), FlightPhase::GoTo);
+    assert!(sky.drones[0].vel_mps.norm() < 0.5, "it waits");
+    sky.drones[0].battery_permille = LOW;
+    sky.fly_for(10.0);
+    assert_eq!(sky.drones[0].phase(), FlightPhase::ReturnHome);
+    assert!((sky.drones[0].bench.pos_enu_m - waits_at_m).norm() > 20.0, "it flies");
+    sky.comes_down("low");
 }

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use criterion::{Criterion, criterion_group};
 use rayon::ThreadPool;
 use skyroost_host_sim::control::localize::{
-    C_M_PER_NS, Capture, ClockModel, Localization, LocalizeConfig, Occasion, Robust, Running, crlb, localize,
+    C_M_PER_NS, Capture, ClockModel, Localization, LocalizeConfig, Motion, Occasion, Robust, Running, crlb,
+    localize,
 };
 
 #[path = "../src/control/localize/sim.rs"]

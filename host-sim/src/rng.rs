@@ -52,6 +52,8 @@ pub enum Stream {
     Bootstrap = 17,
     /// Keys of simulated links; index = drone, 0 for those that the control center makes on the way.
     Keys = 18,
+    /// Ways of users on foot; index = user.
+    Walk = 19,
 }
 
 /// The last quarter of every key: keeps these streams apart from any other use of ChaCha with the seed.

@@ -11,7 +11,7 @@ use crate::PROTOCOL_VERSION;
 use crate::error::{DecodeError, EncodeError};
 use crate::header::{FLAG_TAG, HEADER_LEN, Header, Kind, TAG_LEN};
 use crate::key::{Room, SessionKey};
-use crate::message::{Down, Layout, Peer, Up, longest};
+use crate::message::{Down, Layout, Peer, SharedState, Up, longest};
 use crate::units::DroneId;
 use postcard::ser_flavors::Size;
 use serde::Serialize;
@@ -21,6 +21,8 @@ use serde::de::DeserializeOwned;
 pub const MAX_BODY: usize = longest(&[Up::MAX_LEN, Down::MAX_LEN, Peer::MAX_LEN]);
 /// Bytes of the longest frame.
 pub const MAX_FRAME: usize = HEADER_LEN + MAX_BODY + TAG_LEN;
+/// Bytes of the longest frame with a [`SharedState`].
+pub const MAX_STATE_FRAME: usize = HEADER_LEN + 1 + SharedState::MAX_LEN + TAG_LEN;
 
 const _: () = assert!(MAX_BODY <= u16::MAX as usize, "the header counts the body in 16 bits");
 

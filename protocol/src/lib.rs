@@ -6,6 +6,7 @@
 //! - [`header`] and [`codec`] make frames of messages and messages of frames;
 //! - [`key`] seals frames, so that nobody reads or forges them;
 //! - [`session`] tells a receiver which frames are new, and how many were lost;
+//! - [`budget`] says what may be said on a link of limited rate;
 //! - [`end`] is either end of the link between a drone and the control center, which agrees on keys;
 //! - [`manage`] is what all versions understand of each other;
 //! - [`stream`] carries frames over byte links such as a UART.
@@ -15,6 +16,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod budget;
 pub mod codec;
 pub mod end;
 pub mod error;

@@ -18,6 +18,8 @@ const MAX_PAYLOAD: usize = MAX_FRAME + CRC_LEN;
 const MAX_BLOCK: usize = 1 + MAX_PAYLOAD;
 /// Bytes of the longest frame on the link: two delimiters and one byte of COBS more.
 pub const MAX_STREAM: usize = 1 + 1 + MAX_PAYLOAD + 1;
+/// Bytes that the link adds to every frame: delimiters, checksum, and one byte of COBS.
+pub const FRAMING: usize = MAX_STREAM - MAX_FRAME;
 
 const _: () = assert!(MAX_PAYLOAD <= 254, "every run of non-zero bytes is one COBS block");
 const _: () = assert!(MAX_STREAM <= 256, "a frame fits the usual 256-byte buffers of radios and DMA");

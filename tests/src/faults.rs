@@ -22,7 +22,7 @@ use std::sync::{
     atomic::{AtomicBool, AtomicUsize, Ordering},
 };
 
-/// No mission takes longer, simulated seconds: four times the longest that nothing happens to.
+/// No mission takes longer, simulated seconds.
 const MOST_S: f64 = 4_000.0;
 /// A drone in the air that is not given up has been heard within this time, but for the time in which nobody listens.
 const MOST_SILENT_S: f64 = 6.0;
@@ -50,6 +50,8 @@ pub struct Flown {
     pub seed: u64,
     /// How it ended.
     pub end: End,
+    /// Hash over every output of the flight code, where it came to an end.
+    pub digest: Option<String>,
 }
 
 /// Seed of a mission of a campaign.
@@ -85,6 +87,15 @@ pub fn scenario(seed: u64) -> Scenario {
     for _ in 0..=chance.next_u32() % 5 {
         let at_s = rng::uniform(chance, 1.0, 400.0);
         happen(&mut s, at_s, chance);
+    }
+    // A stream of their own, so that missions without them are what they were before there were any.
+    let chance = &mut rng::stream(seed, Stream::Scenario, 1);
+    if rng::chance(chance, 0.25) {
+        s.users.speed_mps = rng::uniform(chance, 0.1, 0.6);
+        s.users.revisit_r95_m = rng::uniform(chance, 30.0, 120.0);
+    }
+    if rng::chance(chance, 0.25) {
+        s.link.bits_per_s = Some(rng::uniform(chance, 8_000.0, 30_000.0));
     }
     s
 }
@@ -166,6 +177,9 @@ impl Watch {
         if sight.within_fence_m.is_some_and(|within_m| within_m < 0.0) {
             return Err("geofence: a drone crossed the fence".to_owned());
         }
+        if let Some(attack) = sight.attack.filter(|it| it.believed_down + it.believed_up > 0) {
+            return Err(format!("forgery: {attack:?}"));
+        }
         if !sight.control_is_alive {
             self.away_s = t_s;
             return Ok(());
@@ -237,7 +251,9 @@ fn fly_watched(seed: u64, watch: Watch) -> Flown {
     let options =
         RunOptions { witness: Some(&witness), ..RunOptions::new(1, Backend::InProc, &cancel, &|_| {}) };
     let flown = MissionInput::of_rectangle(scenario).map_err(RunError::from);
-    let end = match flown.and_then(|input| runner::fly(&input, &options)) {
+    let flown = flown.and_then(|input| runner::fly(&input, &options));
+    let digest = flown.as_ref().ok().map(|outcome| outcome.summary.digest.clone());
+    let end = match flown {
         Ok(outcome) => judged(&outcome),
         Err(RunError::Broken { invariant, at_s }) => End::Failed { invariant, at_s },
         Err(RunError::Ended(reason @ MissionError::NobodyLeft)) => End::EndedSafe(reason.to_string()),
@@ -246,20 +262,13 @@ fn fly_watched(seed: u64, watch: Watch) -> Flown {
             End::Failed { invariant: format!("progress: in the stage '{stage}': {other}"), at_s: MOST_S }
         }
     };
-    Flown { seed, end }
+    Flown { seed, end, digest }
 }
 
 /// What must hold in the end.
 fn judged(outcome: &Outcome) -> End {
     let summary = &outcome.summary;
     let failed = |invariant: String| End::Failed { invariant, at_s: summary.timing.simulated_s };
-    if let Some(attack) = summary.attack {
-        // Hellos, and questions who somebody is, are answered whoever repeats them: no more than every tenth frame is one.
-        let harmless = |injected: u64| injected / 5 + 5;
-        if attack.refused_down + harmless(attack.injected_down) < attack.injected_down {
-            return failed(format!("forgery: drones refused too few frames of {attack:?}"));
-        }
-    }
     if summary.safety.violations > 0 {
         return failed(format!("separation: {:?} m", summary.safety.min_separation_m));
     }

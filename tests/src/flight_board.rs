@@ -1,11 +1,12 @@
 //! The flight board's image in the emulator, its bus on a terminal: a board for `--backend serial`.
 
 use std::{
-    io::Write,
+    io::{self, Write},
     os::unix::net::UnixStream,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::OnceLock,
+    time::{Duration, Instant},
 };
 use tempfile::TempDir;
 
@@ -63,16 +64,33 @@ impl FlightBoard {
         Self { process, dir }
     }
 
+    /// Waits until the board runs: from a cold disk, on a machine with more to do, that takes seconds.
+    ///
+    /// # Panics
+    /// When it does not within a minute.
+    pub fn wait_until_up(&self) {
+        let begun = Instant::now();
+        while !self.order("info status").is_ok_and(|answer| answer.contains("running")) {
+            assert!(begun.elapsed() < Duration::from_secs(60), "the emulator does not get up");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
     /// Pulls the board's reset line: it starts again from its vector table, at once.
     ///
     /// # Panics
     /// When the emulator takes no orders.
     pub fn reset(&self) {
-        let mut monitor = UnixStream::connect(self.dir.path().join(MONITOR)).expect("a monitor");
-        monitor.write_all(b"system_reset\n").expect("it listens");
+        self.order("system_reset").expect("the emulator takes orders");
+    }
+
+    /// Gives the emulator an order and returns what it says to it.
+    fn order(&self, words: &str) -> io::Result<String> {
+        let mut monitor = UnixStream::connect(self.dir.path().join(MONITOR))?;
+        writeln!(monitor, "{words}")?;
         // It reads what came before the end.
-        monitor.shutdown(std::net::Shutdown::Write).expect("it listens");
-        std::io::copy(&mut monitor, &mut std::io::sink()).expect("it answers");
+        monitor.shutdown(std::net::Shutdown::Write)?;
+        io::read_to_string(monitor)
     }
 }
 

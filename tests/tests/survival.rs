@@ -4,6 +4,7 @@ use serde_json::Value;
 use skyroost_tests::mission::{Flown, binary, fly, run};
 use std::{
     fs,
+    path::Path,
     process::{Command, Stdio},
     time::Duration,
 };
@@ -97,7 +98,7 @@ fn who_comes_back_is_taken_back() {
     let fleets: Vec<&Value> = replans(&flown).iter().map(|it| &it["fleets"]).collect();
     assert_eq!(fleets, [1, 2]);
     assert_eq!(placed(&flown), [1, 2, 3, 4, 5, 6]);
-    is(&flown, "/placement/served_ratio", flown.number("/placement/served_ratio").max(0.98));
+    assert!(flown.number("/placement/served_ratio") >= 0.98, "{}", flown.json["placement"]);
 }
 
 /// Where the control center is killed ten times, each time made again of its journal, the mission ends as if it had not been, but for
@@ -117,51 +118,72 @@ fn ten_kills_of_the_control_center() {
     assert!(late_s < 10.0 * (4.0 + 10.0), "{late_s} s later");
 }
 
-/// The whole command is killed at a random moment, and goes on from its journal: as if the control center had been killed there.
+/// The whole command is killed time and again, and goes on from its journal: as if the control center had been killed there.
 #[test]
 fn a_mission_killed_goes_on_from_its_journal() {
     let dir = tempfile::tempdir().unwrap();
-    let journal = dir.path().join("mission.journal");
+    let [journal, whole, keys, out] =
+        ["mission.journal", "whole.journal", "fleet.keys", "killed"].map(|name| dir.path().join(name));
     let scenario = dir.path().join("survival.toml");
     fs::write(&scenario, "name = 'killed'\n[area]\nwidth_m = 3_000\nheight_m = 3_000\n[fleet]\ndrones = 6\n")
         .unwrap();
-    let keys = dir.path().join("fleet.keys");
     let made =
         Command::new(binary()).args(["keys", "new", "--drones", "6", "--out"]).arg(&keys).output().unwrap();
     assert!(made.status.success());
-    let [journal_word, keys_word] = [&journal, &keys].map(|path| path.to_str().unwrap());
-    let words = [scenario.to_str().unwrap(), "--journal", journal_word, "--keys", keys_word];
-    let undisturbed = fly(&words[..1]);
-    for wait_ms in [150, 400, 900] {
-        let out = dir.path().join("killed");
+    let [scenario, journal_word, whole_word, keys_word, out] =
+        [&scenario, &journal, &whole, &keys, &out].map(|path| path.to_str().unwrap());
+    let length = |path: &Path| fs::metadata(path).map_or(0, |file| file.len());
+
+    let undisturbed = fly(&[scenario, "--journal", whole_word]);
+    let words = [scenario, "--journal", journal_word, "--keys", keys_word];
+    let resume = [&words[..], &["--resume"]].concat();
+    // Of the whole journal's length; the first has hardly begun, the last has next to nothing left to do.
+    let kills = [0.0002, 0.15, 0.4, 0.4, 0.7, 0.97];
+    for (round, share) in kills.into_iter().enumerate() {
+        let begun = length(&journal);
+        let enough = ((length(&whole) as f64 * share) as u64).max(begun + 1);
         let mut child = Command::new(binary())
-            .args(["mission", "--json", "--quiet", "--out", out.to_str().unwrap()])
-            .args(words)
+            .args(["mission", "--json", "--quiet", "--out", out])
+            .args(if round == 0 { &words[..] } else { &resume })
             .stdout(Stdio::null())
             .spawn()
             .unwrap();
-        std::thread::sleep(Duration::from_millis(wait_ms));
-        child.kill().unwrap(); // SIGKILL, unless it was faster
+        while length(&journal) < enough {
+            assert_eq!(child.try_wait().unwrap(), None, "it ended in round {round}, before it was killed");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.kill().unwrap();
         child.wait().unwrap();
-        assert!(
-            fs::metadata(&journal).is_ok_and(|file| file.len() > 100),
-            "nothing was written in {wait_ms} ms"
-        );
-        let flown = fly(&[&words[..], &["--resume"]].concat());
-        assert_whole(&flown);
-        is(&flown, "/localization/located", undisturbed.number("/localization/located"));
-        assert_eq!(placed(&flown), placed(&undisturbed));
+        let results = fs::read_dir(out).map_or(0, Iterator::count);
+        assert_eq!(results, 0, "nothing is written but the journal");
     }
-    // Whose world was flown there as if nobody had been killed cannot be flown there once more.
-    let (output, _) = run(&[&words[..], &["--resume"]].concat());
-    assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("went on from it already"));
-    // Another mission's journal is refused.
-    let (output, _) = run(&[words[0], "--journal", journal_word]);
-    assert_eq!(output.status.code(), Some(0));
-    let (output, _) = run(&[words[0], "--seed", "2", "--resume", "--journal", journal_word]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("journal of another mission"));
+    let flown = fly(&resume);
+    assert_whole(&flown);
+    is(&flown, "/localization/located", undisturbed.number("/localization/located"));
+    assert_eq!(placed(&flown), placed(&undisturbed));
+
+    let refused = |words: &[&str], why: &str| {
+        let (output, _) = run(words);
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(why), "{message}");
+    };
+    // A journal may be all that is known of a mission: it is not written over.
+    refused(&[scenario, "--journal", whole_word], "is there already");
+    refused(&[scenario, "--seed", "2", "--resume", "--journal", whole_word], "journal of another mission");
+}
+
+/// Keys that change every five seconds on a link that loses a third of all frames, repeats and reorders: both ends always have one in
+/// common, and nobody is lost over it.
+#[test]
+fn keys_change_on_a_bad_link() {
+    let link = "loss_fraction = 0.3, jitter_s = 0.5, duplicate_fraction = 0.1, reorder_fraction = 0.1";
+    let flown = fly_with(&format!("link = {{ {link}, rekey_s = 5 }}"), 6);
+    assert_whole(&flown);
+    assert!(replans(&flown).is_empty(), "nobody was lost\n{}", flown.json["sweep"]);
+    // Of 1,800 changes: what was held up for longer than a key was good for.
+    assert!(flown.number("/link/forged") < 20.0, "{}", flown.json["link"]);
+    assert!(flown.number("/placement/served_ratio") >= 0.98, "{}", flown.json["placement"]);
 }
 
 /// The paper's p_i: a fleet with a battery that is half empty sweeps as much less as its charge allows.

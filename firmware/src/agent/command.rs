@@ -4,12 +4,12 @@ use super::{FlightAgent, flight::Mission, upload::Incomplete};
 use crate::{Vec3, io::Outputs};
 use skyroost_protocol::{
     message::{AckStatus, Command, FlightPhase, MissionHeader, Up},
-    units::{CommandId, m_from_mm},
+    units::{CommandId, TimePs, m_from_mm},
 };
 
 impl FlightAgent {
     /// Executes `command` unless its number was seen before, and acknowledges it either way.
-    pub(super) fn obey(&mut self, id: CommandId, command: &Command, outputs: &mut Outputs) {
+    pub(super) fn obey(&mut self, now: TimePs, id: CommandId, command: &Command, outputs: &mut Outputs) {
         let status = match self.links.last_command {
             // Numbers compare modulo 2^16, so that they may wrap.
             Some((last, status)) if (id.0.wrapping_sub(last.0) as i16) <= 0 => status,
@@ -20,7 +20,7 @@ impl FlightAgent {
             }
         };
         let ack = Up::CommandAck { command: id, status };
-        self.transmitter.up(&ack, outputs, &mut self.counters);
+        self.transmitter.up(now, &ack, outputs, &mut self.counters);
     }
 
     fn execute(&mut self, command: &Command) -> AckStatus {

@@ -24,6 +24,8 @@ const LANDING_MPS: f32 = 1.5;
 const BLIND_LANDING_MPS: f32 = 1.0;
 /// Below this height the landing is over, metres.
 const LANDED_BELOW_M: f32 = 0.2;
+/// Slower than this a drone has stopped, metres a second.
+const STANDING_MPS: f32 = 0.5;
 /// Height error at which the climb is over, metres.
 const CLIMBED_WITHIN_M: f32 = 1.0;
 
@@ -171,6 +173,11 @@ impl Flight {
         if self.in_formation() { self.arm_m } else { ZERO }
     }
 
+    /// Whether it is made to stay where it is.
+    pub(super) fn stands(&self) -> bool {
+        self.held_at_m.is_some()
+    }
+
     pub(super) fn airborne(&self) -> bool {
         self.mode != Mode::Grounded
     }
@@ -238,7 +245,12 @@ impl Flight {
         let _ = self.events.push((code, value));
     }
 
-    /// Velocity wanted now and the acceleration known ahead, after the supervisor's `action`.
+    /// Velocity wanted now and the acceleration known ahead, after the supervisor's `action`; `unaware` where nobody tells of the
+    /// others.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "all of the drone that guidance looks at, from its one caller"
+    )]
     pub(super) fn wanted(
         &mut self,
         now: TimePs,
@@ -247,6 +259,7 @@ impl Flight {
         lanes: &Lanes,
         limits: &FlightLimits,
         action: Action,
+        unaware: bool,
     ) -> (Vec3, Vec3) {
         if core::mem::take(&mut self.blind) {
             self.sees_again(nav, limits);
@@ -256,7 +269,7 @@ impl Flight {
             Action::ReturnHome if mission.is_none() => Action::Land,
             action => action,
         };
-        self.submit(&nav.pos_enu_m, action);
+        self.submit(nav, action, unaware);
         let (wanted, accel) = match self.held_at_m {
             None => self.by_mode(now, nav, mission, lanes, limits),
             Some(at_m) => (
@@ -307,8 +320,20 @@ impl Flight {
         }
     }
 
-    /// The supervisor's last word, at `pos_m`.
-    fn submit(&mut self, pos_m: &Vec3, action: Action) {
+    /// The supervisor's last word.
+    ///
+    /// Ways to goals and home cross. Who is on one and `unaware` of the others stops straight, as they take it to have stopped or flown
+    /// on; unless it is the supervisor that wants it home. Nor does one come back that had given way: others may stand there.
+    fn submit(&mut self, nav: &NavFix, action: Action, unaware: bool) {
+        let pos_m = &nav.pos_enu_m;
+        let waits = unaware
+            && matches!(
+                self.mode,
+                Mode::GoTo { .. } | Mode::ReturnHome | Mode::Hold { .. } | Mode::Serve { .. }
+            );
+        if waits && nav.vel_enu_mps.norm() > STANDING_MPS {
+            self.held_at_m = None; // it stays where it comes to stand
+        }
         let bound_home = matches!(self.mode, Mode::ReturnHome | Mode::Landing { .. });
         match action {
             Action::Land => match self.mode {
@@ -318,11 +343,10 @@ impl Flight {
                 _ => self.enter(Mode::Landing { at_m: Some(*pos_m) }),
             },
             Action::ReturnHome if !bound_home => self.enter(Mode::ReturnHome),
-            Action::Hold if !bound_home => {
+            Action::None | Action::Hold if waits || (action == Action::Hold && !bound_home) => {
                 self.held_at_m.get_or_insert(*pos_m);
             }
-            Action::None => self.held_at_m = None,
-            _ => {}
+            Action::None | Action::Hold | Action::ReturnHome => self.held_at_m = None,
         }
     }
 

@@ -33,10 +33,16 @@ use vitals::Vitals;
 // A board holds one of each in static memory, of 48 KiB that the whole image may take.
 #[cfg(target_pointer_width = "32")]
 const _: () =
-    assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024 + 448);
+    assert!(size_of::<FlightAgent>() + size_of::<Inputs>() + size_of::<Outputs>() <= 26 * 1024 + 512);
 
 /// The charge that is assumed until the first step says otherwise, per mille.
 const FULL_PERMILLE: u16 = 1000;
+
+/// The control center relays states ten times a second. After so long without a word of it a drone does not know where the others are
+/// (`docs/safety.md`, condition 2),
+const UNHEARD: TimePs = TimePs::from_ms(1_000);
+/// nor after so many periods where they are seldom.
+const UNHEARD_PERIODS: i64 = 3;
 
 /// One drone's flight code.
 ///
@@ -88,7 +94,7 @@ impl FlightAgent {
             srs: Srs::new(&config),
             supervisor: Supervisor::new(),
             vitals: Vitals::new(),
-            transmitter: Transmitter::new(config.id, config.boot_epoch, key),
+            transmitter: Transmitter::new(&config, key),
             counters: Counters::new(),
             nav: None,
             battery_permille: FULL_PERMILLE,
@@ -127,7 +133,7 @@ impl FlightAgent {
         srs.restart(&config);
         *supervisor = Supervisor::new();
         *vitals = Vitals::new();
-        *transmitter = Transmitter::new(config.id, config.boot_epoch, key);
+        *transmitter = Transmitter::new(&config, key);
         *counters = Counters::new();
         *nav = None;
         *battery_permille = FULL_PERMILLE;
@@ -204,12 +210,19 @@ impl FlightAgent {
         fix
     }
 
+    /// Whether nobody has told it of drones outside its fleet for longer than their states are good for.
+    fn is_unaware(&self, now: TimePs) -> bool {
+        let periods = TimePs(self.config.share_period.0.saturating_mul(UNHEARD_PERIODS));
+        now.since(self.links.control_heard) > periods.max(UNHEARD)
+    }
+
     /// Guidance and avoidance after the supervisor's `action`, in the air and with a sound fix.
     fn command(&mut self, now: TimePs, nav: &NavFix, action: Action) -> Setpoint {
         self.flight.avoiding = self.supervisor.is(Condition::Avoiding);
         let limits = &self.config.limits;
         let mission = self.mission.as_ref();
-        let (wanted, accel) = self.flight.wanted(now, nav, mission, &self.lanes, limits, action);
+        let unaware = self.is_unaware(now);
+        let (wanted, accel) = self.flight.wanted(now, nav, mission, &self.lanes, limits, action, unaware);
         let separation = Separation {
             d_safe_m: mission.map_or(self.config.d_safe_m, |m| m.d_safe_m),
             own_error_m: nav.error_radius_m,
@@ -217,6 +230,7 @@ impl FlightAgent {
             vertical: mission.map_or_else(Default::default, |m| m.header.vertical),
             manner: self.manner(),
             arm_m: self.flight.arm_m(),
+            waits: unaware && self.flight.stands(),
         };
         let own = Mover { pos_enu_m: nav.pos_enu_m, vel_enu_mps: nav.vel_enu_mps };
         let avoided =

@@ -155,7 +155,7 @@ impl FlightAgent {
             Down::Command { id, command } => {
                 // Of a boot that has not said whether its numbers go on, a number says nothing: it will say, and repeat.
                 if *self.links.commands_of.get_or_insert(epoch) == epoch {
-                    self.obey(*id, command, outputs);
+                    self.obey(now, *id, command, outputs);
                 } else {
                     Counters::count(&mut self.counters.frames_unexpected);
                 }

@@ -1,11 +1,17 @@
 //! Frames out: what is sent when, numbered and counted.
+//!
+//! Where the uplink takes less than there is to say ([`AgentConfig::uplink_bytes_per_s`]), what keeps drones apart and what the control
+//! center waits for is said whatever it costs: states, hellos, acknowledgements, events. Pages of users heard may run a little into debt, as
+//! nobody is measured who is not heard of, and are dropped beyond: the cell tells them again. Differences wait in their
+//! table for credit, and telemetry waits as well, but not for long.
 
 use super::FlightAgent;
-use crate::{counters::Counters, io::Outputs, supervisor::Condition};
+use crate::{config::AgentConfig, counters::Counters, io::Outputs, supervisor::Condition};
 use heapless::Vec;
 use skyroost_protocol::{
     EncodeError, LinkEnd, MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
-    codec::{Frame, MAX_FRAME, Sender},
+    budget::Budget,
+    codec::{Frame, MAX_FRAME, MAX_STATE_FRAME, Sender},
     key::{Key, Purpose},
     manage::{Identity, Management},
     message::{
@@ -24,37 +30,54 @@ const TELEMETRY_EVERY: TimePs = TimePs::from_ms(1_000);
 /// Least time between two answers of who this is: whoever asks more often asks to keep the link busy.
 const IDENTITY_EVERY: TimePs = TimePs::from_ms(1_000);
 
+/// Telemetry that has waited for so long is sent whatever it costs: two seconds after the last, so that the control center has it fresh.
+const TELEMETRY_WAITS: TimePs = TimePs::from_ms(1_000);
+/// A page of users heard is sent in so much debt, and dropped in more.
+const PAGE_DEBT: TimePs = TimePs::from_ms(150);
+/// Where states would take more than half of the uplink they are shared less often, but at least this often: three of them are lost
+/// before anybody counts as silent.
+const SHARE_AT_LEAST_EVERY: TimePs = TimePs::from_ms(500);
+
 /// Links out and what is due on them.
 #[derive(Clone, Debug)]
 pub(super) struct Transmitter {
     /// This end of the link to the control center, what comes in on it as well.
     pub(super) control: LinkEnd,
+    uplink: Budget,
     peer: Sender,
     share_due: TimePs,
     phase_due: TimePs,
     telemetry_due: TimePs,
     identity_due: TimePs,
+    /// Whether differences wait for room on the uplink, and whether telemetry does.
+    tdoa_waits: bool,
+    telemetry_waits: bool,
 }
 
 impl Transmitter {
-    pub(super) const fn new(id: DroneId, boot_epoch: u16, key: Option<Key>) -> Self {
+    pub(super) const fn new(config: &AgentConfig, key: Option<Key>) -> Self {
+        let (id, boot_epoch) = (config.id, config.boot_epoch);
         Self {
             control: LinkEnd::new(id, boot_epoch, DroneId::CONTROL, key),
+            uplink: Budget::new(config.uplink_bytes_per_s),
             peer: Sender::new(id, boot_epoch),
             share_due: TimePs(0),
             phase_due: TimePs(0),
             telemetry_due: TimePs(0),
             identity_due: TimePs(0),
+            tdoa_waits: false,
+            telemetry_waits: false,
         }
     }
 
-    /// Sends `message` to the control center. As long as nobody has answered, only a hello has somebody to go to.
-    pub(super) fn up(&mut self, message: &Up, outputs: &mut Outputs, counters: &mut Counters) {
+    /// Sends `message` to the control center, whatever it costs. As long as nobody has answered, only a hello has somebody to go to.
+    pub(super) fn up(&mut self, now: TimePs, message: &Up, outputs: &mut Outputs, counters: &mut Counters) {
         if self.control.is_sealed() && !self.control.is_bound() && !matches!(message, Up::Hello { .. }) {
             Counters::count(&mut counters.frames_unbound);
             return;
         }
-        push(&mut outputs.uplink, counters, |out| self.control.encode_into(message, out));
+        let length = push(&mut outputs.uplink, counters, |out| self.control.encode_into(message, out));
+        self.uplink.pay(now, length);
     }
 
     fn tell_mates(&mut self, message: &Peer, outputs: &mut Outputs, counters: &mut Counters) {
@@ -79,7 +102,8 @@ impl Transmitter {
         }
         self.identity_due = now.after(IDENTITY_EVERY);
         let identity = Management::Identity(Identity::OWN);
-        push(&mut outputs.uplink, counters, |out| self.control.manage(&identity, out));
+        let length = push(&mut outputs.uplink, counters, |out| self.control.manage(&identity, out));
+        self.uplink.pay(now, length);
     }
 
     pub(super) fn event(
@@ -90,7 +114,7 @@ impl Transmitter {
         outputs: &mut Outputs,
         counters: &mut Counters,
     ) {
-        self.up(&Up::Event { code, time, value }, outputs, counters);
+        self.up(time, &Up::Event { code, time, value }, outputs, counters);
     }
 
     pub(super) fn condition(
@@ -112,27 +136,44 @@ impl Transmitter {
         outputs: &mut Outputs,
         counters: &mut Counters,
     ) {
-        if let Ok(users) = Vec::from_slice(users) {
-            self.up(&Up::Attached(Attached { time, users }), outputs, counters);
+        if !self.uplink.allows(time, PAGE_DEBT) {
+            Counters::count(&mut counters.pages_dropped);
+        } else if let Ok(users) = Vec::from_slice(users) {
+            self.up(time, &Up::Attached(Attached { time, users }), outputs, counters);
         }
+    }
+
+    /// Whether there is credit for what can wait.
+    fn has_room(&self, now: TimePs) -> bool {
+        self.uplink.allows(now, TimePs(0))
     }
 }
 
-/// Encodes the next frame in its place among the outputs: frames are long to move.
+/// Notes whether something waits for room on the uplink, and counts that it begins to.
+fn note(waits: bool, waited: &mut bool, counters: &mut Counters) {
+    if waits && !*waited {
+        Counters::count(&mut counters.frames_put_off);
+    }
+    *waited = waits;
+}
+
+/// Encodes the next frame in its place among the outputs, as frames are long to move, and returns its length.
 fn push<const N: usize>(
     out: &mut Vec<Frame, N>,
     counters: &mut Counters,
     encode: impl FnOnce(&mut [u8]) -> Result<usize, EncodeError>,
-) {
-    let encoded = out.push(Frame::new()).is_ok()
-        && out.last_mut().is_some_and(|frame| {
-            let length = frame.resize_default(MAX_FRAME).ok().and_then(|()| encode(frame).ok());
-            frame.truncate(length.unwrap_or_default());
-            length.is_some()
-        });
-    if !encoded {
+) -> usize {
+    let mut length = None;
+    if out.push(Frame::new()).is_ok()
+        && let Some(frame) = out.last_mut()
+    {
+        length = frame.resize_default(MAX_FRAME).ok().and_then(|()| encode(frame).ok());
+        frame.truncate(length.unwrap_or_default());
+    }
+    if length.is_none() {
         Counters::count(&mut counters.frames_overflowed);
     }
+    length.unwrap_or_default()
 }
 
 impl FlightAgent {
@@ -150,9 +191,10 @@ impl FlightAgent {
                     error_radius_mm: mm_from_m(nav.error_radius_m).clamp(0, i32::from(u16::MAX)) as u16,
                     manner,
                 };
-                links.up(&Up::SharedState(state), outputs, counters);
+                links.up(now, &Up::SharedState(state), outputs, counters);
             }
-            links.share_due = now.after(self.config.share_period);
+            let half_busy = TimePs(2 * links.uplink.time_of(MAX_STATE_FRAME).0);
+            links.share_due = now.after(self.config.share_period.max(half_busy.min(SHARE_AT_LEAST_EVERY)));
         }
         if now >= links.phase_due && self.flight.phase() == FlightPhase::Sweep {
             let message = Peer::SweepPhase {
@@ -164,9 +206,14 @@ impl FlightAgent {
             links.tell_mates(&message, outputs, counters);
             links.phase_due = now.after(PHASE_EVERY);
         }
-        if now >= self.transmitter.telemetry_due {
+        let (links, counters) = (&mut self.transmitter, &mut self.counters);
+        let late = now.since(links.telemetry_due);
+        let waits =
+            late >= TimePs(0) && !links.has_room(now) && self.links.welcomed && late < TELEMETRY_WAITS;
+        note(waits, &mut links.telemetry_waits, counters);
+        if late >= TimePs(0) && !waits {
             let message = if self.links.welcomed { self.telemetry(now) } else { self.hello() };
-            self.transmitter.up(&message, outputs, &mut self.counters);
+            self.transmitter.up(now, &message, outputs, &mut self.counters);
             self.transmitter.telemetry_due = now.after(TELEMETRY_EVERY);
         }
     }
@@ -179,16 +226,21 @@ impl FlightAgent {
                 links.tell_mates(&Peer::Captures(captures), outputs, counters);
             }
         });
-        let mut batch: Vec<TdoaEntry, MAX_TDOA_PER_FRAME> = Vec::new();
-        self.srs.drain_tdoa(now, |entry| {
-            let _ = batch.push(entry); // never full: sent as soon as it is
-            if batch.is_full() {
-                links.up(&Up::Tdoa(core::mem::take(&mut batch)), outputs, counters);
+        let mut more = true;
+        while more && links.has_room(now) {
+            let mut batch: Vec<TdoaEntry, MAX_TDOA_PER_FRAME> = Vec::new();
+            while !batch.is_full()
+                && let Some(entry) = self.srs.pop_tdoa(now)
+            {
+                let _ = batch.push(entry); // it is not full
             }
-        });
-        if !batch.is_empty() {
-            links.up(&Up::Tdoa(batch), outputs, counters);
+            more = batch.is_full();
+            if !batch.is_empty() {
+                links.up(now, &Up::Tdoa(batch), outputs, counters);
+            }
         }
+        let waits = more && self.srs.has_tdoa(now);
+        note(waits, &mut links.tdoa_waits, counters);
     }
 
     fn hello(&self) -> Up {

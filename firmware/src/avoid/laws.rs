@@ -20,6 +20,7 @@ const USUAL: Separation = Separation {
     vertical: Vertical::Free,
     manner: Manner::ALONE,
     arm_m: ZERO,
+    waits: false,
 };
 
 /// A neighbour's state, rounded as on the wire.

@@ -66,6 +66,9 @@ pub struct Separation {
     pub manner: Manner,
     /// From the centre of the formation that this drone flies in to the drone itself, metres; zero for one that flies alone.
     pub arm_m: Vec3,
+    /// Whether this drone stands still as nobody tells it of the others. Who is silent may be anywhere, and keeps clear of one that is:
+    /// to flee from where it may be would only be to fly where nobody expects it.
+    pub waits: bool,
 }
 
 /// Beyond this distance two drones at full speed do not meet within the horizon of [`pca`], the age of a
@@ -219,6 +222,9 @@ impl<'a> Near<'a> {
         for (index, peer) in peers.iter().enumerate() {
             // Whatever either does within the horizon, they cannot come near: most peers end here.
             if !is_in_reach(&centre_m, peer, peers) {
+                continue;
+            }
+            if separation.waits && peer.keep_out_m(now) > 0.0 {
                 continue;
             }
             let neighbour = separation.neighbour(peer, now);

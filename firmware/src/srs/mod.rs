@@ -191,9 +191,15 @@ impl Srs {
         self.for_mates.clear();
     }
 
-    /// Differences that are complete, or as complete as they will be.
-    pub fn drain_tdoa(&mut self, now: TimePs, emit: impl FnMut(TdoaEntry)) {
-        self.pairing.drain(now, emit);
+    /// The oldest differences that are complete, or as complete as they will be; those that are not asked for wait.
+    pub fn pop_tdoa(&mut self, now: TimePs) -> Option<TdoaEntry> {
+        self.pairing.pop(now)
+    }
+
+    /// Whether differences wait to be reported.
+    #[must_use]
+    pub fn has_tdoa(&self, now: TimePs) -> bool {
+        self.pairing.has_due(now)
     }
 }
 

@@ -123,12 +123,12 @@ impl Pairing {
         }
     }
 
-    /// Hands over every occasion that is complete or due, oldest first.
-    pub fn drain(&mut self, now: TimePs, mut report: impl FnMut(TdoaEntry)) {
-        for _ in 0..MAX_PENDING {
-            let Some(entry) = self.pop(now) else { return };
-            report(entry);
-        }
+    /// Whether an occasion with differences to report is complete or due.
+    #[must_use]
+    pub fn has_due(&self, now: TimePs) -> bool {
+        let is_due = |it: &Pending| it.is_complete() || now.since(it.since.time()) >= self.max_age;
+        let has_some = |it: &Pending| !it.reported && it.own.is_some() && matches!(it.mates, [Some(_), _]);
+        self.pending.position(|it| has_some(it) && is_due(it)).is_some()
     }
 
     /// The oldest occasion that is complete or due, for a caller whose room is bounded: the others wait.
@@ -269,7 +269,7 @@ mod tests {
 
     fn drained(pairing: &mut Pairing, now: TimePs) -> std::vec::Vec<TdoaEntry> {
         let mut entries = std::vec::Vec::new();
-        pairing.drain(now, |entry| entries.push(entry));
+        entries.extend(core::iter::from_fn(|| pairing.pop(now)));
         entries
     }
 
@@ -339,10 +339,11 @@ mod tests {
             pairing.mate(TimePs(0), DroneId(4), &capture(occasion, 10));
         }
         for occasion in 0..10 {
+            assert!(pairing.has_due(MAX_AGE));
             let entry = pairing.pop(MAX_AGE).expect("due");
             assert_eq!(entry.occasion, OccasionId(occasion));
         }
-        assert_eq!(pairing.pop(MAX_AGE), None);
+        assert_eq!((pairing.pop(MAX_AGE), pairing.has_due(MAX_AGE)), (None, false));
     }
 
     /// A capture on its way to the table: `None` is the own one.
@@ -385,10 +386,10 @@ mod tests {
                 }
                 repeated += u32::from(*again);
                 if drain_early {
-                    pairing.drain(TimePs(0), |entry| found.push(entry));
+                    found.extend(drained(&mut pairing, TimePs(0)));
                 }
             }
-            pairing.drain(MAX_AGE, |entry| found.push(entry));
+            found.extend(drained(&mut pairing, MAX_AGE));
 
             let mut model: BTreeMap<u32, (Option<i64>, BTreeMap<u16, i64>)> = BTreeMap::new();
             for (occasion, drone, ps) in &arrivals {
@@ -438,7 +439,7 @@ mod tests {
                     None => pairing.own(now, own(occasion, ps)),
                     Some(drone) => pairing.mate(now, DroneId(drone), &capture(occasion, ps)),
                 }
-                pairing.drain(now, |entry| assert!(!entry.mates.is_empty()));
+                prop_assert!(drained(&mut pairing, now).iter().all(|entry| !entry.mates.is_empty()));
                 prop_assert!(pairing.pending.len() <= MAX_PENDING);
             }
         }

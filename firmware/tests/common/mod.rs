@@ -34,8 +34,13 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new() -> Self {
+        Self::of(AgentConfig::new(ME))
+    }
+
+    /// A drone that is born with this.
+    pub(crate) fn of(config: AgentConfig) -> Self {
         Self {
-            agent: FlightAgent::new(AgentConfig::new(ME), None),
+            agent: FlightAgent::new(config, None),
             inputs: Inputs::new(),
             outputs: Outputs::new(),
             step: 0,

@@ -7,7 +7,7 @@
 
 use super::{
     airspace::KeepOut,
-    assemble::{Assembly, assembly, centres_m, slot_m, slots_taken},
+    assemble::{Assembly, assembly, centres_m, slots_taken},
     mission::plan::{MissionPlan, PlannedFleet, Resweep},
     sweep::{self, SweepPlan, SweepRequest},
 };
@@ -17,10 +17,8 @@ use crate::geometry::{
     polygon::Polygon,
     region::{Part, Region},
 };
-use skyroost_protocol::{
-    message::{Heading, MAX_WAYPOINTS},
-    units::DroneId,
-};
+use skyroost_protocol::{message::MAX_WAYPOINTS, units::DroneId};
+use std::ops::Range;
 
 /// Least share of a fleet in what is left, of an equal one.
 const LEAST_SHARE: f64 = 0.05;
@@ -61,20 +59,20 @@ pub fn left(region: &Region, swept: &[Stadium], margin_m: f64) -> Option<Region>
     region.outside(&covers)?.keep(is_area)
 }
 
-/// What a fleet has covered that came so far along its lanes, transit included.
+/// What a fleet has covered between two ways along its lanes, transit included.
 #[must_use]
-pub fn swept(waypoints_m: &[V2], way_m: f64, radius_m: f64) -> Vec<Stadium> {
-    let mut left_m = way_m;
+pub fn swept(waypoints_m: &[V2], way_m: Range<f64>, radius_m: f64) -> Vec<Stadium> {
+    let mut begin_m = 0.0;
     let mut stadiums = Vec::new();
     for leg in waypoints_m.windows(2) {
-        if left_m <= 0.0 {
-            break;
-        }
         let (a, way) = (leg[0], leg[1] - leg[0]);
         let long_m = way.norm();
-        let b = if long_m <= left_m { leg[1] } else { a + way * (left_m / long_m) };
-        left_m -= long_m;
-        stadiums.push(Stadium { a, b, radius_m });
+        let [from_m, to_m] = [way_m.start, way_m.end].map(|m| (m - begin_m).clamp(0.0, long_m));
+        begin_m += long_m;
+        if from_m < to_m {
+            let at = |m: f64| if m < long_m { a + way * (m / long_m) } else { leg[1] };
+            stadiums.push(Stadium { a: at(from_m), b: at(to_m), radius_m });
+        }
     }
     stadiums
 }
@@ -176,12 +174,9 @@ fn crewed(
     let (mut fleets, mut members, mut ends) = (Vec::new(), Vec::new(), Vec::new());
     let mut cut_off = false;
     for (index, (three, &centre_m)) in threes.iter().zip(centres_m).enumerate() {
-        let own = || sweep.sub_areas.iter().filter(move |sub| sub.fleet == index);
-        let mut waypoints_m = vec![centre_m];
-        waypoints_m.extend(own().flat_map(|sub| &sub.approach_m));
-        let transit = waypoints_m.len();
-        waypoints_m.extend(own().flat_map(|sub| &sub.path_m));
-        for at in &mut waypoints_m {
+        let mut fleet = PlannedFleet::along(sweep, index, centre_m, [DroneId::CONTROL; 3], 0);
+        let waypoints_m = &mut fleet.waypoints_m;
+        for at in waypoints_m.iter_mut() {
             // A lane may end outside of the area, and the fence was drawn around other lanes.
             if !again.room.allows(*at) {
                 *at = again.room.nearest_allowed(*at).unwrap_or(*at);
@@ -189,24 +184,19 @@ fn crewed(
         }
         cut_off |= waypoints_m.len() > most;
         waypoints_m.truncate(most);
-        let first_leg = waypoints_m.get(1).map_or(V2::x(), |next| next - centre_m);
-        let turned = match plan.heading {
-            Heading::Fixed => plan.orientation_rad,
-            Heading::AlongTrack => plan.orientation_rad + first_leg.y.atan2(first_leg.x),
-        };
-        let slots_m = [0, 1, 2].map(|slot| centre_m + slot_m(turned, slot, plan.spacing_m));
+        let slots_m = fleet.slots_m(plan.heading, plan.orientation_rad, plan.spacing_m);
         let taken = slots_taken(&three.map(|it| it.pos_m), &slots_m);
         for (slot, &member) in (0u8..).zip(&taken) {
             let it = three[member];
             members.push((it.drone, (index, slot)));
             ends.push((it.drone, it.pos_m, slots_m[usize::from(slot)]));
         }
-        let mates = taken.map(|member| plan.drones[three[member].drone].id);
-        let clock_group = known_group(plan, mates).unwrap_or_else(|| {
+        fleet.mates = taken.map(|member| plan.drones[three[member].drone].id);
+        fleet.clock_group = known_group(plan, fleet.mates).unwrap_or_else(|| {
             clock_groups += 1;
             clock_groups - 1
         });
-        fleets.push(PlannedFleet { mates, waypoints_m, clock_group, transit });
+        fleets.push(fleet);
     }
     let assembly = assembly(&plan.airspace, &ends, plan.altitude_m, again.passing_m);
     Regrouped { fleets, members, assembly, cut_off }
@@ -268,8 +258,8 @@ mod tests {
         };
         let path_m = &sweep::plan(&region, &request).unwrap().sub_areas[0].path_m;
         let radius_m = 500.0 - 50.0 / 3f64.sqrt();
-        assert_eq!(left(&region, &swept(path_m, f64::INFINITY, radius_m), 2.0), None);
-        let half = left(&region, &swept(path_m, 4_000.0, radius_m), 2.0).unwrap();
+        assert_eq!(left(&region, &swept(path_m, 0.0..f64::INFINITY, radius_m), 2.0), None);
+        let half = left(&region, &swept(path_m, 0.0..4_000.0, radius_m), 2.0).unwrap();
         assert!(half.area_m2() > 1e6 && half.area_m2() < 8e6);
     }
 
@@ -285,7 +275,7 @@ mod tests {
         ) {
             let (region, radius_m) = (square(3_000.0), 300.0);
             let track: Vec<V2> = places.iter().copied().map(V2::from).collect();
-            let stadiums = swept(&track, way_m, radius_m);
+            let stadiums = swept(&track, 0.0..way_m, radius_m);
             let uncovered_m2 = covered_region(&region, &stadiums).uncovered_area_m2;
             let left_m2 = left(&region, &stadiums, 2.0).map_or(0.0, |it| it.area_m2());
             let border_m: f64 = stadiums.iter().map(|s| 2.0 * (s.b - s.a).norm() + 6.3 * s.radius_m).sum();

@@ -5,7 +5,7 @@
 //! two users of a fleet transmit at once. Above the limit of occasions they go where they help most: to each user in
 //! proportion to the variance of its estimate, spread over its pass.
 
-use super::mission::COPY_EVERY;
+use super::mission::asking::COPY_EVERY;
 use skyroost_protocol::{
     message::{Attached, MAX_SRS_PER_REQUEST, SrsRequest, SrsRequestEntry},
     units::{DroneId, OccasionId, TimePs, UserId},
@@ -85,13 +85,15 @@ pub struct FleetSchedule {
     config: SrsConfig,
     users: BTreeMap<UserId, Hearing>,
     next_period: Option<TimePs>,
+    /// Whether there was no room for some of the last requests.
+    crowded: bool,
 }
 
 impl FleetSchedule {
     /// Nobody heard yet.
     #[must_use]
     pub fn new(clock_group: u16, mates: [DroneId; 3], config: SrsConfig) -> Self {
-        Self { clock_group, mates, config, users: BTreeMap::new(), next_period: None }
+        Self { clock_group, mates, config, users: BTreeMap::new(), next_period: None, crowded: false }
     }
 
     /// Who listens.
@@ -111,6 +113,22 @@ impl FleetSchedule {
     pub fn lead(&self, delay: TimePs, copies: usize) -> TimePs {
         let copied = TimePs(COPY_EVERY.0 * copies.saturating_sub(1) as i64);
         delay.after(copied).after(GATE_LEAD).clamp(LEAD, MOST_LEAD)
+    }
+
+    /// The latest that a request is of use whose first transmission is at `start`, where a frame takes `delay`.
+    #[must_use]
+    pub fn latest(start: TimePs, delay: TimePs) -> TimePs {
+        start.since(delay).since(GATE_LEAD)
+    }
+
+    /// There was no room to ask for these: they come first the next time.
+    pub fn not_asked(&mut self, request: &SrsRequest) {
+        self.crowded = true;
+        for entry in &request.entries {
+            if let Some(hearing) = self.users.get_mut(&entry.user) {
+                hearing.last_asked = None;
+            }
+        }
     }
 
     /// Drone `drone` of this fleet hears these users.
@@ -152,7 +170,7 @@ impl FleetSchedule {
                 common.push(Candidate { user, advances: [a, b, c], need: hearing.need(now, r95_m) });
             }
         }
-        if common.len() > self.config.max_per_period {
+        if common.len() > self.config.max_per_period || std::mem::take(&mut self.crowded) {
             common.sort_by(|a, b| b.need.total_cmp(&a.need).then(a.user.cmp(&b.user)));
             common.truncate(self.config.max_per_period);
         }
@@ -226,6 +244,28 @@ mod tests {
         let mut asked = [0; 20];
         scheduled.iter().for_each(|s| asked[s.user.0 as usize] += 1);
         assert_eq!(asked, [2; 20]);
+    }
+
+    /// A link that takes one request a second of two is no reason to ask the same users all the time.
+    #[test]
+    fn who_was_not_asked_for_lack_of_room_comes_first_the_next_time() {
+        let mut schedule = FleetSchedule::new(0, MATES, SrsConfig::default());
+        let mut asked = [0; 24];
+        for s in 0..10 {
+            MATES.iter().for_each(|m| schedule.heard(*m, &page(s, 0..24, 1)));
+            let mut requests = Vec::new();
+            schedule.step(
+                TimePs::from_ms(s * 1000),
+                LEAD,
+                |_| Some(10.0),
+                &mut Vec::new(),
+                |r| requests.push(r),
+            );
+            let [said, unsaid] = &requests[..] else { panic!("{} requests", requests.len()) };
+            said.entries.iter().for_each(|entry| asked[entry.user.0 as usize] += 1);
+            schedule.not_asked(unsaid);
+        }
+        assert_eq!(asked, [5; 24]);
     }
 
     #[test]

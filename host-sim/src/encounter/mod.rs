@@ -301,6 +301,7 @@ impl Pilot<'_> {
             vertical: encounter.vertical,
             manner: self.spec.manner(),
             arm_m: Vec3::zeros(),
+            waits: false,
         };
         let known = Knowledge { now, own, wanted_mps, peers: &self.peers, separation };
         let command = if self.spec.cooperative { steering.steer(&known) } else { wanted_mps };

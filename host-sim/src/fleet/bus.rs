@@ -258,9 +258,9 @@ impl<T: Transport> BusClient<T> {
         })
     }
 
-    /// Doubles with every request in a row that came to nothing.
+    /// Doubles with every request in a row that came to nothing, up to a limit: within [`SILENCE`] a step is asked for some thirty times.
     fn backoff(&self) -> u32 {
-        1 << self.in_vain.min(5)
+        1 << self.in_vain.min(3)
     }
 
     fn silent_in_step(&self) -> BoardFault {
@@ -423,7 +423,10 @@ impl<T: Transport> BusClient<T> {
                         return Err(BoardFault::Nonsense("a frame that is no message of the bus".to_owned()));
                     }
                     // Damage shows as a hole in what follows, or as silence.
-                    Some(FromBoard::Damaged) | None => {
+                    damaged @ (Some(FromBoard::Damaged) | None) => {
+                        if damaged.is_some() {
+                            self.last_word = Instant::now(); // it is there, and says what it heard
+                        }
                         self.counters.damaged += 1;
                         timeout = timeout.min(SILENCE_AFTER_DAMAGE * self.backoff());
                         None

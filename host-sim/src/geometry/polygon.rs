@@ -221,17 +221,13 @@ impl Polygon {
 /// The minimum of the diameter function of some points; see [`Polygon::min_width`].
 pub(super) fn min_width(points_m: &[V2]) -> MinWidth {
     let hull = convex_hull(points_m);
-    let n = hull.len();
     let mut best = MinWidth { width_m: f64::INFINITY, direction_rad: 0.0 };
-    let mut far = 1;
-    for i in 0..n {
-        let edge = hull[(i + 1) % n] - hull[i];
-        let height_m = |j: usize| cross(edge, hull[j % n] - hull[i]) / edge.norm();
-        far = far.max(i + 1);
-        while height_m(far + 1) > height_m(far) {
-            far += 1;
-        }
-        let found = MinWidth { width_m: height_m(far), direction_rad: modulo_pi(edge.y.atan2(edge.x)) };
+    for (start, end) in edges(&hull) {
+        let edge = end - start;
+        // All points are looked at: calipers that turn from vertex to vertex stop where rounding bends a straight line of them.
+        let heights_m = hull.iter().map(|p| cross(edge, p - start) / edge.norm());
+        let [low_m, high_m] = heights_m.fold([0.0f64; 2], |[low, high], h| [low.min(h), high.max(h)]);
+        let found = MinWidth { width_m: high_m - low_m, direction_rad: modulo_pi(edge.y.atan2(edge.x)) };
         let slack_m = CLEAN_TOLERANCE * found.width_m;
         if found.width_m < best.width_m - slack_m
             || (found.width_m <= best.width_m + slack_m && found.direction_rad < best.direction_rad)
@@ -513,6 +509,23 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_straight_line_of_vertices_makes_nothing_narrow(
+            ends in prop::array::uniform2(prop::array::uniform2(-1e3..1e3_f64)),
+            at in prop::collection::vec(0.01..0.99_f64, 1..6),
+            aside_m in 10.0..1e3_f64,
+        ) {
+            let [a, b] = ends.map(V2::from);
+            let way = b - a;
+            prop_assume!(way.norm() > 1.0);
+            let top = 0.5 * (a + b) + V2::new(-way.y, way.x) * (aside_m / way.norm());
+            let expected = min_width(&[a, b, top]).width_m;
+            let mut points: Vec<V2> = at.iter().map(|f| a + way * *f).collect();
+            points.extend([a, b, top]);
+            let found = min_width(&points).width_m;
+            prop_assert!((found - expected).abs() < 1e-6 * expected.max(1.0), "{found} of {expected}");
+        }
+
         #[test]
         fn truth_min_width_is_the_least_over_all_directions(polygon in convex()) {
             let found = polygon.min_width();

@@ -69,12 +69,8 @@ impl Region {
     /// # Errors
     /// [`RegionError::NothingLeft`] where they take up everything.
     pub fn without(&self, zones: &[Polygon]) -> Result<Self, RegionError> {
-        if zones.is_empty() {
-            return Ok(self.clone());
-        }
-        let parts = overlay(&self.contours(), &contours(zones), OverlayRule::Difference);
-        let no_fly = self.no_fly.iter().chain(zones).cloned().collect();
-        if parts.is_empty() { Err(RegionError::NothingLeft) } else { Ok(Self { parts, no_fly }) }
+        let left = self.outside(zones).ok_or(RegionError::NothingLeft)?;
+        Ok(Self { no_fly: self.no_fly.iter().chain(zones).cloned().collect(), ..left })
     }
 
     /// The same area with other no-fly zones, which are flown around only: what they take up has to be covered still.
@@ -90,6 +86,13 @@ impl Region {
             return Some(self.clone());
         }
         let parts = overlay(&self.contours(), &contours(polygons), OverlayRule::Difference);
+        (!parts.is_empty()).then(|| Self { parts, no_fly: self.no_fly.clone() })
+    }
+
+    /// What of the area lies in any of the polygons, with the same no-fly zones; none where that is no area.
+    #[must_use]
+    pub fn within(&self, polygons: &[Polygon]) -> Option<Self> {
+        let parts = overlay(&self.contours(), &contours(polygons), OverlayRule::Intersect);
         (!parts.is_empty()).then(|| Self { parts, no_fly: self.no_fly.clone() })
     }
 

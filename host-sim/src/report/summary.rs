@@ -51,17 +51,18 @@ pub struct Summary {
     pub warnings: Vec<String>,
 }
 
-/// Frames that a simulated attacker put in, and frames that were refused, those that chance damaged or repeated among them.
+/// Frames that a simulated attacker put in: recorded, damaged, cut, or made up; and those of them that were not refused. Recorded hellos and
+/// questions who somebody is are answered whoever says them, and count as put in only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct AttackSummary {
     /// Put in on the way to drones.
     pub injected_down: u64,
     /// Put in on the way to the control center.
     pub injected_up: u64,
-    /// Refused by drones.
-    pub refused_down: u64,
-    /// Refused by the control center.
-    pub refused_up: u64,
+    /// Not refused by drones.
+    pub believed_down: u64,
+    /// Not refused by the control center.
+    pub believed_up: u64,
 }
 
 /// The sweep as flown.
@@ -78,7 +79,7 @@ pub struct SweepSummary {
     /// Time that the scenario gives the sweep, seconds: the paper's mission time (Table 3). `duration_s` is
     /// held against it; climb and transit are in neither.
     pub mission_time_s: f64,
-    /// Every time that the rest of it was planned anew, as drones fell out or came back.
+    /// Every time that the rest of it was planned anew, as drones fell out or came back, or users had gone.
     pub replans: Vec<ReplanSummary>,
 }
 
@@ -89,6 +90,8 @@ pub struct ReplanSummary {
     pub at_s: f64,
     /// Numbers of the drones by whom their fleets were broken; empty where drones that came back made up another.
     pub broken_by: Vec<u16>,
+    /// Users that were looked for again, as they had walked on.
+    pub users_gone: u32,
     /// Fleets that flew on; 0 where too few drones were left for one.
     pub fleets: u32,
     /// Area that was left, square metres.
@@ -212,12 +215,52 @@ pub struct LinkSummary {
     pub bytes: u64,
     /// Frames that never arrived.
     pub lost: u64,
+    /// Of the lost, those that found the transmitter's queue full.
+    pub overflowed: u64,
     /// Frames that arrived and were refused by a decoder.
     pub rejected: u64,
     /// Frames that arrived and were not sealed with the key that they have to be sealed with.
     pub forged: u64,
     /// Whether links are sealed. Where they are not, whoever can send can command the drones.
     pub authenticated: bool,
+    /// What drones say to the control center: the rate of the one that says most.
+    pub up: RateSummary,
+    /// What the control center says: the rate to the drone that it says most to.
+    pub down: RateSummary,
+    /// What drones say to their fleet mates: the rate of the one that says most.
+    pub mates: RateSummary,
+    /// Bytes that were heard of drones and said to them, by what they are for.
+    pub bytes_for: BTreeMap<&'static str, u64>,
+    /// What found no room on links of limited rate.
+    pub held_back: HeldBackSummary,
+}
+
+/// The rate of a transmitter, with what frames its messages on a byte link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct RateSummary {
+    /// In the mean over the mission, bits a second.
+    pub mean_bits_per_s: f64,
+    /// In its busiest second, bits a second.
+    pub most_bits_per_s: u64,
+}
+
+/// What found no room on links of limited rate. Nothing of it was lost on the radio.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct HeldBackSummary {
+    /// Times that differences of arrival times or telemetry waited on board.
+    pub frames_put_off: u64,
+    /// Pages of users heard that drones dropped.
+    pub pages_dropped: u64,
+    /// Times that states of neighbours were relayed later than they were due.
+    pub relays_put_off: u64,
+    /// Times that only the nearest neighbours' states were relayed.
+    pub relays_cut: u64,
+    /// Times that pieces of lanes waited.
+    pub lanes_put_off: u64,
+    /// Requests for SRS that were not said.
+    pub requests_dropped: u64,
+    /// Copies of such requests that were not said.
+    pub copies_dropped: u64,
 }
 
 /// A board of its own that one drone's flight code ran on.

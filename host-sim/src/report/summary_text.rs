@@ -3,8 +3,8 @@
 
 use super::limits::Bound;
 use super::summary::{
-    BoardSummary, LinkSummary, LocalizationSummary, LostDrone, PlacementSummary, PunctualitySummary,
-    ReplanSummary, SafetySummary, SrsSummary, Summary, SweepSummary, Timing,
+    BoardSummary, HeldBackSummary, LinkSummary, LocalizationSummary, LostDrone, PlacementSummary,
+    PunctualitySummary, RateSummary, ReplanSummary, SafetySummary, SrsSummary, Summary, SweepSummary, Timing,
 };
 use std::fmt;
 
@@ -40,9 +40,10 @@ fn sweep(f: &mut fmt::Formatter<'_>, sweep: &SweepSummary) -> fmt::Result {
 }
 
 fn replan(replan: &ReplanSummary) -> String {
-    let ReplanSummary { at_s, broken_by, fleets, left_m2, delay_s } = replan;
+    let ReplanSummary { at_s, broken_by, users_gone, fleets, left_m2, delay_s } = replan;
     let numbers: Vec<String> = broken_by.iter().map(ToString::to_string).collect();
     let why = match numbers.as_slice() {
+        [] if *users_gone > 0 => format!("for {users_gone} users that have walked on"),
         [] => "for drones that came back or lanes that were cut off".to_owned(),
         [one] => format!("without drone {one}"),
         several => format!("without drones {}", several.join(", ")),
@@ -135,12 +136,47 @@ fn safety(f: &mut fmt::Formatter<'_>, safety: &SafetySummary) -> fmt::Result {
 }
 
 fn link(f: &mut fmt::Formatter<'_>, link: &LinkSummary) -> fmt::Result {
-    let LinkSummary { frames, bytes, lost, rejected, forged, authenticated } = link;
+    let LinkSummary { frames, bytes, lost, overflowed, rejected, forged, authenticated, .. } = link;
     writeln!(f, "\nLink")?;
     if !authenticated {
         row(f, "UNAUTHENTICATED", "whoever can send can command the drones")?;
     }
-    row(f, "frames", format!("{frames} ({bytes} bytes), {lost} lost, {rejected} rejected, {forged} forged"))
+    row(f, "frames", format!("{frames} ({bytes} bytes), {lost} lost, {rejected} rejected, {forged} forged"))?;
+    let busiest = [("up", link.up), ("down", link.down), ("to mates", link.mates)];
+    let rate = |(way, rate): (&str, RateSummary)| {
+        format!(
+            "{way} {:.1} (at most {:.1})",
+            rate.mean_bits_per_s * 1e-3,
+            rate.most_bits_per_s as f64 * 1e-3
+        )
+    };
+    row(f, "busiest drone", format!("{} kbit/s", busiest.map(rate).join(", ")))?;
+    if *overflowed > 0 {
+        row(f, "", format!("{overflowed} of the lost found the transmitter busy for too long"))?;
+    }
+    let HeldBackSummary {
+        frames_put_off,
+        pages_dropped,
+        relays_put_off,
+        relays_cut,
+        lanes_put_off,
+        requests_dropped,
+        copies_dropped,
+    } = link.held_back;
+    let held_back: Vec<String> = [
+        (frames_put_off, "frames put off on board"),
+        (pages_dropped, "pages of users dropped"),
+        (relays_put_off, "relays put off"),
+        (relays_cut, "relays of the nearest only"),
+        (lanes_put_off, "waits for lanes"),
+        (requests_dropped, "SRS requests dropped"),
+        (copies_dropped, "copies dropped"),
+    ]
+    .into_iter()
+    .filter(|(count, _)| *count > 0)
+    .map(|(count, what)| format!("{count} {what}"))
+    .collect();
+    if held_back.is_empty() { Ok(()) } else { row(f, "held back", held_back.join(", ")) }
 }
 
 fn boards(f: &mut fmt::Formatter<'_>, boards: &[BoardSummary]) -> fmt::Result {
@@ -257,6 +293,7 @@ mod tests {
         summary.sweep.replans = vec![ReplanSummary {
             at_s: 916.6,
             broken_by: vec![2],
+            users_gone: 0,
             fleets: 1,
             left_m2: 81.5e6,
             delay_s: Some(4_711.4),

@@ -55,9 +55,18 @@ pub(super) struct Crew {
 impl Crew {
     /// So many threads, this one among them, but not more than islands.
     pub(super) fn new(threads: usize, islands: usize, around: Surroundings) -> Self {
-        let around = Arc::new(around);
-        let hands = (1..threads.min(islands)).map(|_| Hand::new(Arc::clone(&around)));
-        Self { hands: hands.collect(), around, desks: Vec::new() }
+        let hands = (1..threads.min(islands)).map(|_| Hand::new());
+        Self { hands: hands.collect(), around: Arc::new(around), desks: Vec::new() }
+    }
+
+    /// What all islands fly in.
+    pub(super) fn around(&self) -> &Surroundings {
+        &self.around
+    }
+
+    /// From the next window on they fly in this.
+    pub(super) fn surround(&mut self, around: Surroundings) {
+        self.around = Arc::new(around);
     }
 
     /// Flies all islands through a window; they keep their order. Fails as the first of them that does, whoever flew it.
@@ -71,7 +80,7 @@ impl Crew {
                 share += islands[from].drones.len();
             }
             drones -= share;
-            hand.give(window, islands.drain(from..));
+            hand.give((window, Arc::clone(&self.around)), islands.drain(from..));
         }
         let mut result = window.fly(islands, &self.around, &mut self.desks);
         for hand in &mut self.hands {
@@ -82,9 +91,12 @@ impl Crew {
     }
 }
 
+/// What is to be flown, and in what.
+type Order = (Window, Arc<Surroundings>);
+
 /// A thread that helps. It ends once nobody can send it anything.
 struct Hand {
-    orders: Option<SyncSender<(Window, Vec<Island>)>>,
+    orders: Option<SyncSender<(Order, Vec<Island>)>>,
     flown: Receiver<(Vec<Island>, Result<(), BoardError>)>,
     /// Room for the next islands.
     room: Vec<Island>,
@@ -92,12 +104,12 @@ struct Hand {
 }
 
 impl Hand {
-    fn new(around: Arc<Surroundings>) -> Self {
-        let (orders, to_fly) = sync_channel::<(Window, Vec<Island>)>(SENT);
+    fn new() -> Self {
+        let (orders, to_fly) = sync_channel::<(Order, Vec<Island>)>(SENT);
         let (back, flown) = sync_channel(SENT);
         let thread = thread::spawn(move || {
             let mut desks = Vec::new();
-            while let Some((window, mut islands)) = wait(&to_fly) {
+            while let Some(((window, around), mut islands)) = wait(&to_fly) {
                 let result = window.fly(&mut islands, &around, &mut desks);
                 if back.send((islands, result)).is_err() {
                     break;
@@ -107,11 +119,11 @@ impl Hand {
         Self { orders: Some(orders), flown, room: Vec::new(), thread: Some(thread) }
     }
 
-    fn give(&mut self, window: Window, islands: impl Iterator<Item = Island>) {
+    fn give(&mut self, order: Order, islands: impl Iterator<Item = Island>) {
         let mut room = std::mem::take(&mut self.room);
         room.extend(islands);
         let orders = self.orders.as_ref().expect("it ends only with its owner");
-        orders.send((window, room)).expect("a thread that panicked has been noticed at `take_back`");
+        orders.send((order, room)).expect("a thread that panicked has been noticed at `take_back`");
     }
 
     fn take_back(&mut self, islands: &mut Vec<Island>) -> Result<(), BoardError> {

@@ -2,7 +2,7 @@
 
 use super::{
     digest::Digest,
-    faults::{DOWN, DroneFaults, Now, UP},
+    faults::{DOWN, DroneFaults, Forgery, Now, UP},
 };
 use crate::{
     fleet::{Board, BoardError},
@@ -12,7 +12,7 @@ use crate::{
         clock::Clock,
         gnss::Gnss,
         grid::PointGrid,
-        link::Link,
+        link::{Carried, Link},
         pps::Pps,
         vehicle::{Command, Motion, Vehicle},
         wind::Wind,
@@ -54,6 +54,8 @@ pub(super) struct Drone {
     pub(super) vehicle: Vehicle,
     pub(super) uplink: Link<MAX_FRAME>,
     pub(super) downlink: Link<MAX_FRAME>,
+    /// What it says to its fleet mates, once for both.
+    pub(super) to_mates: Carried,
     pub(super) clock: Clock,
     pps: Pps,
     pub(super) digest: Digest,
@@ -82,8 +84,10 @@ pub(super) struct Drone {
     wrong: Now,
     /// What its board is started with, and the key of its link.
     born: (AgentConfig, Option<Key>),
-    /// What its board counted before it was started anew, as far as it was refused: by the sum of all kinds.
-    refused_before: u64,
+    /// Forgeries among the frames of this step, and frames refused before it.
+    forged: (u64, u64),
+    /// Forgeries that its board did not refuse.
+    believed: u64,
 }
 
 /// Parts of a drone.
@@ -115,6 +119,7 @@ impl Drone {
             vehicle: parts.vehicle,
             uplink: parts.uplink,
             downlink: parts.downlink,
+            to_mates: Carried::default(),
             clock: parts.clock,
             pps: parts.pps,
             digest: Digest::new(id),
@@ -134,7 +139,8 @@ impl Drone {
             faults: parts.faults,
             wrong: Now::default(),
             born: parts.born,
-            refused_before: 0,
+            forged: (0, 0),
+            believed: 0,
         }
     }
 
@@ -143,9 +149,9 @@ impl Drone {
         self.lost || self.wrong.excused
     }
 
-    /// Frames that an attacker put in on the way to the drone and from it, and those that boards before the present one refused.
+    /// Frames that an attacker put in on the way to the drone and from it, and those of the former that the drone believed.
     pub(super) fn attacked(&self) -> ([u64; 2], u64) {
-        (self.faults.attacker.injected, self.refused_before)
+        (self.faults.attacker.injected, self.believed)
     }
 
     /// Whether an attacker is near.
@@ -159,7 +165,7 @@ impl Drone {
     }
 
     /// What the attacker says in the drone's name in so many seconds.
-    pub(super) fn forged(&mut self, seconds: f64) -> Option<Frame> {
+    pub(super) fn forgery(&mut self, seconds: f64) -> Option<Forgery> {
         self.faults.attacker.frame(UP, seconds)
     }
 
@@ -229,9 +235,10 @@ impl Drone {
         if self.wrong.attack && !self.wrong.booting && !self.lost {
             inputs.frames.iter().for_each(|frame| self.faults.attacker.hears(DOWN, frame));
             if !inputs.frames.is_full()
-                && let Some(frame) = self.faults.attacker.frame(DOWN, f64::from(STEP_S))
+                && let Some(forgery) = self.faults.attacker.frame(DOWN, f64::from(STEP_S))
             {
-                inputs.frames.push(frame).expect("there was room");
+                inputs.frames.push(forgery.frame).expect("there was room");
+                self.forged.0 = u64::from(!forgery.is_harmless);
             }
         }
     }
@@ -257,11 +264,12 @@ impl Drone {
             return Ok(());
         }
         if self.wrong.boots {
-            let counters = self.board.report()?.counters;
-            self.refused_before += refused(&counters);
             let (config, key) = &mut self.born;
             config.boot_epoch += 1;
             self.board.restart(*config, key.clone())?;
+        }
+        if self.forged.0 > 0 {
+            self.forged.1 = refused(&self.board.report()?.counters);
         }
         self.board.begin_step(TimePs::from_us(step as i64 * STEP_US), &desk.inputs, &mut desk.outputs)
     }
@@ -271,7 +279,14 @@ impl Drone {
         if self.is_down() {
             return Ok(());
         }
-        self.board.end_step(outputs)
+        self.board.end_step(outputs)?;
+        // Chance damages and repeats frames as well, so that a step may refuse more than were forged.
+        let (forged, before) = std::mem::take(&mut self.forged);
+        if forged > 0 {
+            let refused = refused(&self.board.report()?.counters) - before;
+            self.believed += forged.saturating_sub(refused);
+        }
+        Ok(())
     }
 
     /// The board's outputs go where they belong, but for frames to fleet mates.
@@ -283,6 +298,7 @@ impl Drone {
         for frame in &outputs.uplink {
             self.uplink.send(now_us, frame);
         }
+        outputs.peer.iter().for_each(|frame| self.to_mates.add(now_us, frame.len()));
         if !self.gates.is_empty() || !outputs.srs_gates.is_empty() {
             let now = TimePs::from_us(now_us as i64);
             self.gates.retain(|gate| now.since(gate.at) <= GATE_OPEN);
@@ -323,7 +339,7 @@ impl Drone {
 }
 
 /// Frames that the flight code did not act upon.
-pub(super) fn refused(counters: &Counters) -> u64 {
+fn refused(counters: &Counters) -> u64 {
     let kinds = [
         counters.frames_forged,
         counters.frames_rejected,

@@ -7,7 +7,11 @@ use crate::{
 use rand_chacha::ChaCha8Rng;
 use rand_core::Rng;
 use skyroost_firmware::STEP_US;
-use skyroost_protocol::codec::{Frame, MAX_FRAME};
+use skyroost_protocol::{
+    DecodeError,
+    codec::{Frame, MAX_FRAME},
+    header::{FLAG_UNBOUND, Header, MANAGEMENT_VERSION},
+};
 
 /// How far a clock jumps: a tenth of a millisecond, 30 km of light.
 const JUMP_PS: f64 = 1e8;
@@ -109,8 +113,16 @@ pub(super) struct Attacker {
     chance: ChaCha8Rng,
     /// What the drone was told, and what it said.
     remembered: [Vec<Frame>; 2],
-    /// Frames put in that nobody must act upon.
+    /// Frames put in.
     pub(super) injected: [u64; 2],
+}
+
+/// A frame of an attacker.
+#[derive(Clone, Debug)]
+pub(super) struct Forgery {
+    pub(super) frame: Frame,
+    /// Whether somebody acts upon it rightly, however often: a hello or a question who somebody is, as it was heard.
+    pub(super) is_harmless: bool,
 }
 
 /// Towards the drone.
@@ -137,13 +149,14 @@ impl Attacker {
     }
 
     /// A frame to put in, now and then: recorded, with some bits turned, cut, longer, with another header, or nothing but noise.
-    pub(super) fn frame(&mut self, direction: usize, seconds: f64) -> Option<Frame> {
+    pub(super) fn frame(&mut self, direction: usize, seconds: f64) -> Option<Forgery> {
         if self.remembered[direction].is_empty() || !rng::chance(&mut self.chance, FRAMES_PER_S * seconds) {
             return None;
         }
         let mut below = |limit: usize| self.chance.next_u32() as usize % limit.max(1);
         let remembered = &self.remembered[direction];
-        let mut frame = remembered[below(remembered.len())].clone();
+        let heard = &remembered[below(remembered.len())];
+        let mut frame = heard.clone();
         match below(6) {
             0 => {}
             1 => {
@@ -164,7 +177,12 @@ impl Attacker {
             _ => frame.iter_mut().for_each(|byte| *byte = below(256) as u8),
         }
         self.injected[direction] += 1;
-        Some(frame)
+        let is_harmless = frame == *heard
+            && match Header::read(heard) {
+                Ok(header) => header.flags & FLAG_UNBOUND != 0,
+                Err(error) => matches!(error, DecodeError::Version { found: MANAGEMENT_VERSION }),
+            };
+        Some(Forgery { frame, is_harmless })
     }
 }
 
@@ -195,9 +213,11 @@ mod tests {
     #[test]
     fn an_attacker_repeats_cuts_and_damages_what_it_heard() {
         let mut attacker = Attacker::new(rng::stream(1, Stream::Faults, 1));
-        assert_eq!(attacker.frame(DOWN, 1.0), None, "it has heard nothing");
+        assert!(attacker.frame(DOWN, 1.0).is_none(), "it has heard nothing");
         attacker.hears(DOWN, &[7; 40]);
-        let frames: Vec<Frame> = (0..600).filter_map(|_| attacker.frame(DOWN, 1.0)).collect();
+        let forgeries = (0..600).filter_map(|_| attacker.frame(DOWN, 1.0));
+        let frames: Vec<Frame> =
+            forgeries.inspect(|it| assert!(!it.is_harmless)).map(|it| it.frame).collect();
         let as_heard = frames.iter().filter(|frame| ***frame == [7; 40]).count();
         assert!(frames.len() == 600 && (60..140).contains(&as_heard), "{as_heard}");
         assert!(frames.iter().any(|frame| frame.len() < 40) && frames.iter().any(|frame| frame.len() > 40));

@@ -2,7 +2,8 @@
 
 use super::{
     MissionInput, RunError,
-    formation::{self, Pads, slot_m},
+    formation::{self, Pads},
+    setup::heading,
     space,
 };
 use crate::{
@@ -80,24 +81,10 @@ impl Flights {
         let orientation_rad = orientation_rad(scenario, sweep);
         let mut fleets: Vec<PlannedFleet> = (0..scenario.fleets() as usize)
             .map(|f| {
-                let mut waypoints_m = vec![bases.centre_m(f)];
-                let own = || sweep.sub_areas.iter().filter(move |s| s.fleet == f);
-                waypoints_m.extend(own().flat_map(|s| &s.approach_m));
-                let transit = waypoints_m.len();
-                waypoints_m.extend(own().flat_map(|s| &s.path_m));
                 let mates = [1, 2, 3].map(|slot| DroneId((3 * f + slot) as u16));
-                PlannedFleet { mates, waypoints_m, clock_group: f as u16, transit }
+                PlannedFleet::along(sweep, f, bases.centre_m(f), mates, f as u16)
             })
             .collect();
-        let slots_m = |f: usize, fleet: &PlannedFleet| {
-            let centre_m = bases.centre_m(f);
-            let first_leg = fleet.waypoints_m.get(1).map_or(V2::x(), |next| next - centre_m);
-            let turned = match table.orientation {
-                Orientation::Fixed => orientation_rad,
-                Orientation::AlongTrack => orientation_rad + first_leg.y.atan2(first_leg.x),
-            };
-            [0, 1, 2].map(|slot| centre_m + slot_m(turned, slot, table.spacing_m))
-        };
         let mut drones = Vec::new();
         let mut assembled_m = Vec::new();
         let mut stand = |pad: V2, fleet| {
@@ -105,7 +92,7 @@ impl Flights {
             drones.push(PlannedDrone { id, pad_m: pad.push(0.0), fleet });
         };
         for (f, fleet) in fleets.iter_mut().enumerate() {
-            let slots_m = slots_m(f, fleet);
+            let slots_m = fleet.slots_m(heading(scenario), orientation_rad, table.spacing_m);
             let taken = match bases {
                 Bases::InFormation(_) => {
                     (0u8..).zip(slots_m).for_each(|(slot, pad)| stand(pad, Some((f, slot))));

@@ -17,7 +17,7 @@ use crate::{
     recording::Recording,
     report::{
         limits::judge,
-        summary::{Summary, Timing},
+        summary::{AttackSummary, Summary, Timing},
     },
     scenario::{Scenario, ScenarioError},
     world::users::{User, UsersError},
@@ -156,6 +156,8 @@ pub struct Sight<'a> {
     pub least_separation_m: Option<f64>,
     /// Least distance within the fence so far, of the same drones, metres.
     pub within_fence_m: Option<f64>,
+    /// What became of an attacker's frames so far.
+    pub attack: Option<AttackSummary>,
     /// True places of all drones, by id, metres.
     pub positions_m: &'a [V3],
     /// Drones whose boards are dead, by id.

@@ -19,7 +19,7 @@ use skyroost_firmware::{
 };
 use skyroost_protocol::{
     codec::MAX_FRAME,
-    units::{DroneId, OccasionId, TimePs},
+    units::{DroneId, OccasionId, TimePs, UserId},
 };
 use std::{
     collections::BTreeMap,
@@ -27,10 +27,25 @@ use std::{
 };
 
 /// What all islands share and none changes.
+#[derive(Clone)]
 pub(super) struct Surroundings {
     pub(super) channel: Channel,
+    /// Where users are as of `at`.
     pub(super) users: PointGrid,
     pub(super) user_pos_m: Vec<V3>,
+    /// Of users on foot the velocity from then on; empty where all stay.
+    pub(super) user_vel_mps: Vec<V3>,
+    pub(super) at: TimePs,
+}
+
+impl Surroundings {
+    /// Where a user is at a time.
+    fn user_m(&self, user: UserId, at: TimePs) -> Option<V3> {
+        let index = user.0 as usize;
+        let pos_m = *self.user_pos_m.get(index)?;
+        let vel_mps = self.user_vel_mps.get(index).copied();
+        Some(vel_mps.map_or(pos_m, |vel_mps| pos_m + vel_mps * (at.since(self.at).0 as f64 * 1e-12)))
+    }
 }
 
 /// Drones with direct links among them.
@@ -42,6 +57,8 @@ pub(super) struct Island {
     pub(super) told: Mail,
     /// What arrives at the control center by its words of the next window, from which drone.
     pub(super) heard: Mail,
+    /// The same, of somebody who only says that it is a drone.
+    pub(super) forged: Mail,
     /// Granted transmissions to come.
     grants: Vec<SrsGate>,
     /// Captures that came late over a blocked path: the truth, for judging.
@@ -95,6 +112,7 @@ impl Island {
             links,
             told: Mail::default(),
             heard: Mail::default(),
+            forged: Mail::default(),
             grants: Vec::new(),
             late: Vec::new(),
             positions_m: Vec::new(),
@@ -204,6 +222,7 @@ impl Island {
     /// What arrives at the control center by its words in steps `first..first + count`.
     fn listen(&mut self, first: u64, count: u64) {
         self.heard.clear();
+        self.forged.clear();
         for word in (first..first + count).step_by(CONTROL_STEPS as usize) {
             let now_us = word * STEP_US as u64;
             for drone in &mut self.drones {
@@ -213,8 +232,9 @@ impl Island {
                 }
                 if drone.is_attacked() {
                     self.heard.frames().skip(from).for_each(|(.., frame)| drone.overheard(frame));
-                    if let Some(forged) = drone.forged(CONTROL_STEPS as f64 * f64::from(STEP_S)) {
-                        self.heard.push(now_us, drone.id.0, &forged);
+                    if let Some(forgery) = drone.forgery(CONTROL_STEPS as f64 * f64::from(STEP_S)) {
+                        let mail = if forgery.is_harmless { &mut self.heard } else { &mut self.forged };
+                        mail.push(now_us, drone.id.0, &forgery.frame);
                     }
                 }
             }
@@ -249,8 +269,8 @@ impl Island {
         let due: Vec<SrsGate> = self.grants.extract_if(.., |gate| gate.at < until).collect();
         for gate in due {
             let occasion = u64::from(gate.occasion.0);
-            let Some(&user_m) = around.user_pos_m.get(gate.user.0 as usize) else { continue };
             let emission_ps = around.channel.emission_ps(occasion, gate.at.0);
+            let Some(user_m) = around.user_m(gate.user, gate.at) else { continue };
             for drone in &mut self.drones {
                 let Some(open) = drone.gate(&gate).copied() else { continue };
                 // Half a step of flight at constant velocity: millimetres from the truth.

@@ -1,11 +1,17 @@
 //! Holds the flight against the truth: figures for the summary, records for the report.
 
-use super::{Flight, MissionArea, MissionInput, Outcome, RunError, setup::Setup, watch::FleetWatch};
+use super::{
+    Flight, MissionArea, MissionInput, Outcome, RunError, drone::Drone, setup::Setup, watch::FleetWatch,
+};
 use crate::{
     control::{
         airspace::is_in_the_way,
         localize::{FixStatus, LocalizeConfig, Occasion, UserFix, crlb, crlb_ratio},
-        mission::{Replan, plan::PlannedFleet},
+        mission::{
+            Replan,
+            drone::{HeldBack, Traffic},
+            plan::PlannedFleet,
+        },
         place::{Fleet, Objective, PlaceUser, Placement, place, place_joint},
         sweep::SplitMode,
     },
@@ -19,10 +25,12 @@ use crate::{
     report::{
         figures::{quantile, status_name},
         summary::{
-            BoardSummary, LinkSummary, LocalizationSummary, LostDrone, PlacedDrone, PlacementSummary,
-            PunctualitySummary, ReplanSummary, SafetySummary, SrsSummary, Summary, SweepSummary,
+            BoardSummary, HeldBackSummary, LinkSummary, LocalizationSummary, LostDrone, PlacedDrone,
+            PlacementSummary, PunctualitySummary, RateSummary, ReplanSummary, SafetySummary, SrsSummary,
+            Summary, SweepSummary,
         },
     },
+    world::link::Carried,
 };
 use skyroost_firmware::{counters::Counters, supervisor::Condition};
 use skyroost_protocol::{
@@ -46,7 +54,7 @@ pub(super) fn outcome(
 ) -> Result<Outcome, RunError> {
     let scenario = &input.scenario;
     let (sweep, uncovered_m) = sweep(scenario, setup, &flight);
-    let users = Users::new(setup, &flight);
+    let users = Users::new(&flight);
     let localization = users.summary(setup, &flight)?;
     let sites = sites(setup, &flight);
     let placement = users.placement(setup, &flight, &sites)?;
@@ -79,9 +87,15 @@ pub(super) fn outcome(
             frames: counters.sent,
             bytes: counters.bytes,
             lost: counters.lost + counters.dropped_overflow,
+            overflowed: counters.dropped_overflow,
             rejected: refusals.rejected + flight.control.counters().frames_of_strangers + rejected_on_board,
             forged: refusals.forged + forged_on_board,
             authenticated: setup.plan.keys.is_sealed(),
+            up: busiest(&flight, |drone| drone.uplink.carried()),
+            down: busiest(&flight, |drone| drone.downlink.carried()),
+            mates: busiest(&flight, |drone| &drone.to_mates),
+            bytes_for: bytes_for(&flight.control.traffic()),
+            held_back: held_back(&flight),
         },
         attack: flight.attack(),
         lost: flight
@@ -112,6 +126,51 @@ pub(super) fn outcome(
         drones: flight.tracks,
     };
     Ok(Outcome { summary, recording, shares: Vec::new(), boards: Vec::new() })
+}
+
+/// The rate of the drone whose link carries most.
+fn busiest(flight: &Flight, carried: fn(&Drone) -> &Carried) -> RateSummary {
+    let all = || flight.islands.iter().flat_map(|island| &island.drones).map(carried);
+    let mean = |one: &Carried| one.mean_bits_per_s(flight.now_s());
+    RateSummary {
+        mean_bits_per_s: all().map(mean).fold(0.0, f64::max),
+        most_bits_per_s: all().map(Carried::most_bits_per_s).max().unwrap_or_default(),
+    }
+}
+
+/// What the control center heard and said, by what it is for.
+fn bytes_for(traffic: &Traffic) -> BTreeMap<&'static str, u64> {
+    let Traffic { states, differences, pages, telemetry, answers, relayed, requests, lanes, commands } =
+        *traffic;
+    [
+        ("up_states", states),
+        ("up_differences", differences),
+        ("up_users_heard", pages),
+        ("up_telemetry", telemetry),
+        ("up_answers", answers),
+        ("down_states", relayed),
+        ("down_requests", requests),
+        ("down_lanes", lanes),
+        ("down_commands", commands),
+    ]
+    .into()
+}
+
+/// What found no room on the links.
+fn held_back(flight: &Flight) -> HeldBackSummary {
+    let on_board = |count: fn(&Counters) -> u32| {
+        flight.reports.iter().map(|report| u64::from(count(&report.counters))).sum()
+    };
+    let HeldBack { relays, neighbours, pieces, requests, copies } = flight.control.held_back();
+    HeldBackSummary {
+        frames_put_off: on_board(|counters| counters.frames_put_off),
+        pages_dropped: on_board(|counters| counters.pages_dropped),
+        relays_put_off: relays,
+        relays_cut: neighbours,
+        lanes_put_off: pieces,
+        requests_dropped: requests,
+        copies_dropped: copies,
+    }
 }
 
 /// What became of arrival times, as the drones' last telemetry and boards say.
@@ -213,6 +272,7 @@ fn replan(replan: &Replan) -> ReplanSummary {
     let s = |at: TimePs| at.0 as f64 * 1e-12;
     ReplanSummary {
         at_s: s(replan.at),
+        users_gone: replan.users_gone as u32,
         broken_by: replan.broken_by.iter().map(|id| id.0).collect(),
         fleets: replan.fleets as u32,
         left_m2: replan.left_m2,
@@ -306,15 +366,19 @@ fn sites(setup: &Setup, flight: &Flight) -> Vec<DroneSite> {
 /// The users and what is claimed of them.
 struct Users<'a> {
     fixes: BTreeMap<UserId, &'a UserFix>,
+    /// Where they were when they were located last.
     truth: BTreeMap<UserId, [f64; 2]>,
+    /// Where they are in the end.
+    served: BTreeMap<UserId, [f64; 2]>,
 }
 
 impl<'a> Users<'a> {
-    fn new(setup: &Setup, flight: &'a Flight) -> Self {
+    fn new(flight: &'a Flight) -> Self {
         let fixes = flight.control.localization().users.iter().map(|fix| (fix.user, fix)).collect();
-        let ids = (0u32..).map(UserId);
-        let truth = ids.zip(setup.users.iter().map(|u| [u.pos_m.x, u.pos_m.y])).collect();
-        Self { fixes, truth }
+        let numbered = |pos_m: &[V2]| (0u32..).map(UserId).zip(pos_m.iter().map(|p| [p.x, p.y])).collect();
+        let end_m = flight.users_m();
+        let truth = numbered(flight.located_m.as_ref().map_or(&end_m, |(_, pos_m)| pos_m));
+        Self { fixes, truth, served: numbered(&end_m) }
     }
 
     /// Fixes that claim a position.
@@ -353,6 +417,9 @@ impl<'a> Users<'a> {
     /// The errors against the bound of the very measurements used.
     fn crlb_ratio(&self, setup: &Setup, flight: &Flight) -> Result<Option<f64>, RunError> {
         let config: &LocalizeConfig = &setup.plan.localize;
+        if !config.motion.is_still() {
+            return Ok(None); // the bound is one of users that stay
+        }
         let occasions = flight.control.occasions();
         let late = self.late(flight, occasions);
         let bounds = crlb(occasions, &late, &self.truth, config)
@@ -397,7 +464,7 @@ impl<'a> Users<'a> {
         let guaranteed =
             solved(self.located().map(|(fix, _)| user(fix.pos_m, radius_m - fix.r95_m)).collect())?;
         let optimum_on_truth = if planned {
-            let on_truth = solved(self.truth.values().map(|pos| user(*pos, radius_m)).collect())?;
+            let on_truth = solved(self.served.values().map(|pos| user(*pos, radius_m)).collect())?;
             Some(on_truth.upper_bound.floor() as u32)
         } else {
             None
@@ -432,7 +499,7 @@ impl<'a> Users<'a> {
 
     /// The drone that covers the user's true position.
     fn actually_by(&self, user: UserId, radius_m: f64, sites: &[DroneSite]) -> Option<u16> {
-        nearest_within(V2::from(self.truth[&user]), radius_m, sites)
+        nearest_within(V2::from(self.served[&user]), radius_m, sites)
     }
 
     fn records(&self, setup: &Setup, _flight: &Flight, sites: &[DroneSite]) -> Vec<UserRecord> {

@@ -2,7 +2,7 @@
 
 use super::island::Island;
 use crate::control::{
-    mission::{ControlCenter, MissionError},
+    mission::{ControlCenter, MissionError, drone::Refusals},
     random_search::RandomSearch,
 };
 use rand_core::Rng;
@@ -21,9 +21,17 @@ pub(super) trait Center {
 
     /// Runs what is due.
     fn step(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), MissionError>;
+
+    /// Frames so far that it did not believe.
+    fn refused(&self) -> u64;
 }
 
 impl Center for ControlCenter {
+    fn refused(&self) -> u64 {
+        let Refusals { rejected, forged, repeated } = self.refusals();
+        rejected + forged + repeated
+    }
+
     fn receive(
         &mut self,
         now: TimePs,
@@ -40,6 +48,10 @@ impl Center for ControlCenter {
 }
 
 impl<R: Rng> Center for RandomSearch<R> {
+    fn refused(&self) -> u64 {
+        0 // nobody attacks it
+    }
+
     fn receive(
         &mut self,
         now: TimePs,
@@ -92,6 +104,8 @@ impl Mail {
 #[derive(Default)]
 pub(super) struct Outbox {
     mail: Mail,
+    /// Forgeries that the control center believed.
+    pub(super) believed: u64,
 }
 
 impl Outbox {
@@ -111,6 +125,11 @@ impl Outbox {
         for island in &*islands {
             for (_, from, bytes) in island.heard.frames().filter(|(at_us, ..)| *at_us == now_us) {
                 center.receive(now, DroneId(from), bytes, &mut send)?;
+            }
+            for (_, from, bytes) in island.forged.frames().filter(|(at_us, ..)| *at_us == now_us) {
+                let before = center.refused();
+                center.receive(now, DroneId(from), bytes, &mut send)?;
+                self.believed += u64::from(center.refused() == before);
             }
         }
         center.step(now, &mut send)?;

@@ -30,13 +30,16 @@ pub use input::{
 pub use search::random_search;
 
 use crate::{
-    control::mission::{ControlCenter, Happening, MissionError, OperatorEvent, Stage, drone::Refusals},
+    control::mission::{ControlCenter, Happening, MissionError, OperatorEvent, Stage},
     fleet::{BoardError, BoardReport, Hangar},
-    geometry::V3,
+    geometry::{V2, V3},
     recording::{DroneRecord, EventRecord, PhaseRecord, TrackSample},
     report::summary::AttackSummary,
     scenario::FaultKind,
-    world::link::LinkCounters,
+    world::{
+        link::LinkCounters,
+        walkers::{STRIDE_S, Walkers},
+    },
 };
 use clear::Clearance;
 use crew::{Crew, Window};
@@ -74,7 +77,7 @@ pub fn fly(input: &MissionInput, options: &RunOptions<'_>) -> Result<Outcome, Ru
     let started = Instant::now();
     let mut setup = Setup::new(input)?;
     let killed = input.scenario.faults.iter().filter(|fault| fault.kind == FaultKind::ControlKilled);
-    let kills = killed.map(|fault| Kill { at_s: fault.at_s, for_s: fault.for_s }).collect();
+    let kills = killed.map(|fault| Kill::new(fault.at_s, fault.for_s)).collect();
     let survival = Survival::new(&options.journal, kills, &mut setup.plan)?;
     let hangar = options.backend.open(setup.plan.drones.len())?;
     let pool = rayon::ThreadPoolBuilder::new()
@@ -103,6 +106,10 @@ struct Flight {
     control: ControlCenter,
     islands: Vec<Island>,
     crew: Crew,
+    /// Users on foot, if they are.
+    walkers: Option<Walkers>,
+    /// Where users truly were when they were located last, and when that was.
+    located_m: Option<(TimePs, Vec<V2>)>,
     separation: Separation,
     clearance: Clearance,
     /// Drones whose distances nobody claims in this window, by id.
@@ -166,6 +173,8 @@ impl Flight {
             window_steps,
             control: ControlCenter::new(setup.plan.clone()),
             crew: Crew::new(threads, islands.len(), setup::surroundings(scenario, &setup.users)),
+            walkers: setup::walkers(scenario, &setup.users),
+            located_m: None,
             islands,
             separation: Separation::new(&pads_m, scenario.fleet.d_safe_m, 1.2 * scenario.fleet.speed_mps),
             excused: vec![false; pads_m.len()],
@@ -220,6 +229,8 @@ impl Flight {
             if self.control.revision() != self.revision {
                 self.regroup(input);
             }
+            self.note_located();
+            self.walk(input);
             let controlled = clock.map(|clock| clock.elapsed());
             self.run_islands(timed)?;
             let flown = clock.map(|clock| clock.elapsed());
@@ -246,12 +257,37 @@ impl Flight {
         Ok(())
     }
 
+    /// Users go on.
+    fn walk(&mut self, input: &MissionInput) {
+        let Some(walkers) = &mut self.walkers else { return };
+        let next = self.crew.around().at.after(TimePs((STRIDE_S * 1e12) as i64));
+        if self.step == 0 {
+            let radius_m = input.scenario.fleet.radius_m;
+            self.crew.surround(setup::walked(self.crew.around(), walkers, TimePs(0), radius_m));
+        } else if TimePs::from_us(self.step as i64 * STEP_US) >= next {
+            walkers.advance();
+            let radius_m = input.scenario.fleet.radius_m;
+            self.crew.surround(setup::walked(self.crew.around(), walkers, next, radius_m));
+        }
+    }
+
+    /// Notes where users are when they are located: that is what their places are held against.
+    fn note_located(&mut self) {
+        let at = self.control.located_at();
+        if let Some(at) = at.filter(|at| self.located_m.as_ref().is_none_or(|(before, _)| before != at)) {
+            self.located_m = Some((at, self.users_m()));
+        }
+    }
+
+    /// Where users truly are.
+    fn users_m(&self) -> Vec<V2> {
+        self.crew.around().user_pos_m.iter().map(nalgebra::Matrix::xy).collect()
+    }
+
     /// How long the mission will take, roughly: for the progress display only.
     fn expected_s(&self) -> f64 {
         let plan = self.control.plan();
-        let length_m =
-            |points: &[crate::geometry::V2]| -> f64 { points.windows(2).map(|w| (w[1] - w[0]).norm()).sum() };
-        let longest_m = plan.fleets.iter().map(|f| length_m(&f.waypoints_m)).fold(0.0, f64::max);
+        let longest_m = plan.longest_m();
         plan.altitude_m / 2.5 + 1.02 * longest_m / plan.speed_mps + 0.05 * longest_m / plan.speed_mps + 60.0
     }
 
@@ -275,6 +311,7 @@ impl Flight {
             violations: self.separation.violations(),
             least_separation_m: self.separation.least_m(),
             within_fence_m: self.clearance.within_fence_m(),
+            attack: self.attack(),
             positions_m: self.window_m.last().map_or(&[], Vec::as_slice),
             dead: &dead,
         };
@@ -413,20 +450,14 @@ impl Flight {
 
     /// What became of an attacker's frames.
     fn attack(&self) -> Option<AttackSummary> {
-        let mut sum = AttackSummary::default();
+        let mut sum = AttackSummary { believed_up: self.outbox.believed, ..AttackSummary::default() };
         for drone in self.islands.iter().flat_map(|island| &island.drones) {
-            let ([down, up], refused_before) = drone.attacked();
+            let ([down, up], believed) = drone.attacked();
             sum.injected_down += down;
             sum.injected_up += up;
-            sum.refused_down += refused_before;
+            sum.believed_down += believed;
         }
-        if sum.injected_down + sum.injected_up == 0 {
-            return None;
-        }
-        sum.refused_down += self.reports.iter().map(|report| drone::refused(&report.counters)).sum::<u64>();
-        let Refusals { rejected, forged, repeated } = self.control.refusals();
-        sum.refused_up = rejected + forged + repeated;
-        Some(sum)
+        (sum.injected_down + sum.injected_up > 0).then_some(sum)
     }
 
     /// Captures that came late, by occasion and drone.

@@ -61,6 +61,7 @@ pub fn random_search(
         d_safe_m: fleet.d_safe_m,
         vertical: fleet.vertical,
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
+        link_bytes_per_s: scenario.link.bytes_per_s(),
         keys,
         accel_mps2: fleet.max_accel_mps2,
         delay_s: link_delay_s(scenario) + LAG_S,

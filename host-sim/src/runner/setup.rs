@@ -15,15 +15,15 @@ use crate::{
         airspace::{self, Airspace},
         assemble,
         keys::LinkKeys,
-        localize::{ClockModel, LocalizeConfig},
-        mission::plan::{MissionPlan, PlannedDrone, PlannedFleet, Resweep},
+        localize::{ClockModel, LocalizeConfig, Motion},
+        mission::plan::{MissionPlan, PlannedDrone, PlannedFleet, Resweep, Revisit},
         srs_schedule::SrsConfig,
         sweep::{self, SubArea, SweepPlan, SweepRequest},
     },
     fleet::{BoardError, Hangar},
     geometry::{V2, V3, region::Region},
     rng::{self, Stream},
-    scenario::{ClockTable, GnssMode, Orientation, Scenario, SplitMode},
+    scenario::{ClockTable, GnssMode, Orientation, Scenario, SplitMode, UsersTable},
     world::{
         battery::{Battery, BatteryConfig},
         channel::{Channel, ChannelConfig},
@@ -34,6 +34,7 @@ use crate::{
         pps::{Pps, PpsConfig},
         users::{User, poisson_users},
         vehicle::{Vehicle, VehicleConfig},
+        walkers::{STRIDE_S, Walkers},
         wind::{Wind, WindConfig},
     },
 };
@@ -205,7 +206,7 @@ fn check_endurance(scenario: &Scenario, sweep: &SweepPlan, plan: &MissionPlan) -
     )))
 }
 
-fn heading(scenario: &Scenario) -> Heading {
+pub(super) fn heading(scenario: &Scenario) -> Heading {
     match scenario.fleet.orientation {
         Orientation::Fixed => Heading::Fixed,
         Orientation::AlongTrack => Heading::AlongTrack,
@@ -254,9 +255,12 @@ fn mission_plan(
             drone_pos_sigma_m: (gnss.sigma_m * gnss.white_fraction.sqrt()).max(0.001),
             drone_bias_sigma_m: gnss.sigma_m * (1.0 - gnss.white_fraction).sqrt(),
             expected_radius_m: table.radius_m - table.spacing_m / 3f64.sqrt(),
+            motion: Motion { speed_mps: scenario.users.speed_mps, turn_s: scenario.users.turn_s },
             ..LocalizeConfig::default()
         },
+        revisit: Revisit { r95_m: scenario.users.revisit_r95_m, most: scenario.users.revisits },
         relay_period: TimePs((scenario.link.share_period_s * 1e12) as i64),
+        link_bytes_per_s: scenario.link.bytes_per_s(),
         resweep: None,
         origin: origin(scenario),
         keys,
@@ -362,6 +366,27 @@ pub(super) fn surroundings(scenario: &Scenario, users: &[User]) -> Surroundings 
         channel: Channel::new(channel, scenario.seed),
         users: PointGrid::new(&plane_m, scenario.fleet.radius_m),
         user_pos_m: plane_m.iter().map(|p| p.push(scenario.users.altitude_m)).collect(),
+        user_vel_mps: Vec::new(),
+        at: TimePs(0),
+    }
+}
+
+/// Users on foot; none where all stay.
+pub(super) fn walkers(scenario: &Scenario, users: &[User]) -> Option<Walkers> {
+    let UsersTable { speed_mps, turn_s, .. } = scenario.users;
+    let pos_m = || users.iter().map(|user| user.pos_m).collect();
+    (speed_mps > 0.0).then(|| Walkers::new(pos_m(), speed_mps, turn_s, scenario.seed))
+}
+
+/// What drones fly in once users have gone on, at `at`.
+pub(super) fn walked(around: &Surroundings, walkers: &Walkers, at: TimePs, radius_m: f64) -> Surroundings {
+    let altitudes_m = around.user_pos_m.iter().map(|pos| pos.z);
+    Surroundings {
+        channel: around.channel.clone(),
+        users: PointGrid::new(walkers.pos_m(), radius_m),
+        user_pos_m: walkers.pos_m().iter().zip(altitudes_m).map(|(at, z)| at.push(z)).collect(),
+        user_vel_mps: walkers.stride_m().iter().map(|stride| (stride / STRIDE_S).push(0.0)).collect(),
+        at,
     }
 }
 
@@ -531,6 +556,7 @@ fn agent_config(scenario: &Scenario, id: DroneId) -> AgentConfig {
     };
     config.srs_symbols = scenario.srs.symbols;
     config.share_period = TimePs((scenario.link.share_period_s * 1e12) as i64);
+    config.uplink_bytes_per_s = scenario.link.bytes_per_s();
     config.d_safe_m = scenario.fleet.d_safe_m as f32;
     config.limits.max_speed_mps = 1.2 * scenario.fleet.speed_mps as f32;
     config.limits.max_accel_mps2 = scenario.fleet.max_accel_mps2 as f32;

@@ -2,7 +2,7 @@
 
 use super::{RunError, input::JournalOptions, links::Center};
 use crate::control::{
-    journal::{Journal, JournalError},
+    journal::{Journal, JournalError, Life},
     mission::{ControlCenter, MissionError, plan::MissionPlan},
 };
 use skyroost_protocol::units::{DroneId, TimePs};
@@ -15,11 +15,31 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-/// When the control center dies, and for how long it is dead.
+/// When the control center dies, and when it is back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Kill {
-    pub(super) at_s: f64,
-    pub(super) for_s: f64,
+    at: TimePs,
+    back: Back,
+}
+
+/// How a control center is back that was killed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Back {
+    /// After so long, made again of its journal.
+    After(TimePs),
+    /// As another was whose journal tells of it: then, in this boot.
+    As(Life),
+}
+
+impl Kill {
+    /// At a time and for one, seconds.
+    pub(super) fn new(at_s: f64, for_s: f64) -> Self {
+        Self { at: ps(at_s), back: Back::After(ps(for_s)) }
+    }
+}
+
+fn ps(seconds: f64) -> TimePs {
+    TimePs((seconds * 1e12).round() as i64)
 }
 
 /// What keeps a control center from being lost.
@@ -31,14 +51,16 @@ pub(super) struct Survival {
     /// Whether nobody asked for the file.
     is_temporary: bool,
     kills: VecDeque<Kill>,
-    back_at_s: Option<f64>,
+    /// While it is dead: when it is back, and in which boot if that is known.
+    dead: Option<(TimePs, Option<u16>)>,
     /// The boot of a control center that goes on from a journal.
     boot_epoch: u16,
 }
 
 impl Survival {
     /// For a mission with this plan, whose control center dies at these times. Where it goes on from a journal, the plan's boot becomes the
-    /// one that the journal begins with: the world comes to where the journal ends as it did then.
+    /// one that the journal begins with, and it dies and is back as the journal tells: so the world comes to where the journal ends as it
+    /// did then. From there on only the file counts.
     pub(super) fn new(
         options: &JournalOptions,
         mut kills: Vec<Kill>,
@@ -55,21 +77,21 @@ impl Survival {
         };
         let Some(file) = &path else { return Ok(Self::default()) };
         let mut journal = None;
+        kills.sort_by_key(|kill| kill.at);
         if let Some(for_s) = options.resume_after_s {
-            // The world has to come there again, with the control center that was; then only its file counts.
-            let [first] = Journal::boots(file).map_err(failed)?[..] else {
-                return Err(failed(JournalError::Resumed { path: file.clone() }));
-            };
-            plan.keys = plan.keys.at_boot(first);
-            let (_, replayed) = Journal::resume(file, plan.clone()).map_err(failed)?;
-            let at_s = replayed.until.map_or(0.0, |until| until.0 as f64 * 1e-12 + 1e-6);
-            kills = vec![Kill { at_s, for_s }];
+            let lives = Journal::lives(file).map_err(failed)?;
+            plan.keys = plan.keys.at_boot(lives[0].boot_epoch);
+            Journal::resume(file, plan.clone()).map_err(failed)?; // refuses what is not this mission's
+            let ends = lives.iter().map(|life| life.ended);
+            let backs = lives[1..].iter().map(|life| Back::As(*life)).chain([Back::After(ps(for_s))]);
+            let told = ends.zip(backs).map(|(at, back)| Kill { at, back });
+            let back = lives[lives.len() - 1].ended.after(ps(for_s));
+            kills = told.chain(kills.into_iter().filter(|kill| kill.at > back)).collect();
         } else {
             journal = Some(Journal::create(file, plan).map_err(failed)?);
         }
-        kills.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         let is_temporary = options.path.is_none();
-        Ok(Self { journal, path, is_temporary, kills: kills.into(), back_at_s: None, boot_epoch })
+        Ok(Self { journal, path, is_temporary, kills: kills.into(), dead: None, boot_epoch })
     }
 
     /// Whether there is a control center at `now`; it may die or come back then.
@@ -79,30 +101,47 @@ impl Survival {
         control: &mut ControlCenter,
         plan: &MissionPlan,
     ) -> Result<bool, RunError> {
-        let now_s = now.0 as f64 * 1e-12;
-        if self.back_at_s.is_none()
-            && let Some(kill) = self.kills.front().copied().filter(|kill| kill.at_s <= now_s)
-        {
-            self.kills.pop_front();
-            self.back_at_s = Some(now_s + kill.for_s);
+        loop {
+            if let Some((back, boot_epoch)) = self.dead {
+                if now < back {
+                    return Ok(false);
+                }
+                self.dead = None;
+                self.bring_back(now, boot_epoch, control, plan)?;
+            }
+            // One that was killed before its first step is dead at once.
+            let Some(kill) = self.kills.pop_front_if(|kill| kill.at <= now) else { return Ok(true) };
+            self.dead = Some(match kill.back {
+                Back::After(pause) => (now.after(pause), None),
+                Back::As(life) => (life.begun, Some(life.boot_epoch)),
+            });
             if self.journal.take().is_some() {
                 self.tear();
             }
         }
-        let Some(back_at_s) = self.back_at_s else { return Ok(true) };
-        if now_s < back_at_s {
-            return Ok(false);
+    }
+
+    /// Makes the control center again of its journal; where another's life is told, in its boot, it still is what it was.
+    fn bring_back(
+        &mut self,
+        now: TimePs,
+        boot_epoch: Option<u16>,
+        control: &mut ControlCenter,
+        plan: &MissionPlan,
+    ) -> Result<(), RunError> {
+        if let Some(boot_epoch) = boot_epoch {
+            control.resume(now, boot_epoch);
+            return Ok(());
         }
-        self.back_at_s = None;
-        let Some(path) = &self.path else { return Ok(true) };
+        let Some(path) = &self.path else { return Ok(()) };
         let (mut journal, replayed) = Journal::resume(path, plan.clone()).map_err(failed)?;
-        *control = replayed.control;
+        *control = replayed;
         // Of a file of keys a boot was spent for this start; in a simulation they are counted on.
         let epoch = self.boot_epoch.max(control.plan().keys.boot_epoch() + 1);
         journal.resumed(now, epoch).map_err(failed)?;
         control.resume(now, epoch);
         self.journal = Some(journal);
-        Ok(true)
+        Ok(())
     }
 
     /// Whoever dies while writing leaves half a record.
@@ -142,6 +181,10 @@ pub(super) struct Journalled<'a> {
 }
 
 impl Center for Journalled<'_> {
+    fn refused(&self) -> u64 {
+        self.control.refused()
+    }
+
     fn receive(
         &mut self,
         now: TimePs,

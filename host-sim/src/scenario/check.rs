@@ -19,6 +19,8 @@ const MAX_TIME_S: f64 = 1e6;
 const MAX_TIMING_NS: f64 = 1e6;
 /// Greatest speed or separation in 16-bit millimetres, metres (a second).
 const MAX_SHORT_M: f64 = 60.0;
+/// Less does not carry what keeps drones apart: two states a second of a drone, and those of its five nearest neighbours to it.
+const LEAST_BITS_PER_S: f64 = 4_000.0;
 
 /// Checks every value and returns the first mistake.
 pub(super) fn check(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError> {
@@ -73,6 +75,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
     whole("fleet.drones", fleet.drones.into(), 1..=u64::from(MAX_DRONES))?;
     whole("srs.tick_hz", srs.tick_hz, 1_000_000..=10_000_000_000)?;
     require(matches!(srs.symbols, 1 | 2 | 4), source, "srs.symbols", srs.symbols, || "1, 2 or 4".to_owned())?;
+    whole("users.revisits", users.revisits.into(), 0..=100)?;
     whole("srs.max_per_second", srs.max_per_second.into(), 1..=10_000)?;
 
     for (field, value, max) in [
@@ -87,11 +90,12 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("fleet.pad_spacing_m", fleet.pad_pitch_m(), 10_000.0),
         ("fleet.d_safe_m", fleet.d_safe_m, MAX_SHORT_M),
         ("fleet.max_accel_mps2", fleet.max_accel_mps2, 50.0),
+        ("users.turn_s", users.turn_s, MAX_TIME_S),
+        ("users.revisit_r95_m", users.revisit_r95_m, MAX_LENGTH_M),
         ("srs.period_s", srs.period_s, 3600.0),
         ("wind.gust_time_s", wind.gust_time_s, 3600.0),
         ("link.share_period_s", link.share_period_s, 10.0),
         ("link.burst_every_s", link.burst_every_s.unwrap_or(1.0), MAX_TIME_S),
-        ("link.bits_per_s", link.bits_per_s.unwrap_or(1.0), 1e12),
         ("link.rekey_s", link.rekey_s.unwrap_or(1.0), MAX_TIME_S),
         ("battery.endurance_s", battery.endurance_s, MAX_TIME_S),
         ("mission.time_s", mission.time_s, MAX_TIME_S),
@@ -110,6 +114,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("fleet.margin_m", fleet.margin_m, 0.0..=MAX_LENGTH_M),
         ("users.density_per_km2", users.density_per_km2, 0.0..=10_000.0),
         ("users.altitude_m", users.altitude_m, -1000.0..=10_000.0),
+        ("users.speed_mps", users.speed_mps, 0.0..=10.0),
         ("srs.sigma_toa_ns", srs.sigma_toa_ns, 0.0..=MAX_TIMING_NS),
         ("srs.enough_r95_m", srs.enough_r95_m, 0.0..=MAX_LENGTH_M),
         ("srs.nlos_fraction", srs.nlos_fraction, 0.0..=1.0),
@@ -132,6 +137,7 @@ fn each_alone(scenario: &Scenario, source: &Source) -> Result<(), ScenarioError>
         ("link.reorder_fraction", link.reorder_fraction, 0.0..=1.0),
         ("link.peer_delay_s", link.peer_delay_s, 0.0..=10.0),
         ("link.burst_s", link.burst_s, 0.0..=3600.0),
+        ("link.bits_per_s", link.bits_per_s.unwrap_or(LEAST_BITS_PER_S), LEAST_BITS_PER_S..=1e12),
     ] {
         in_bounds(source, field, value, bounds)?;
     }

@@ -312,11 +312,28 @@ pub struct UsersTable {
     pub density_per_km2: f64,
     /// Altitude of every user above the local origin.
     pub altitude_m: f64,
+    /// Root mean square speed over ground of users on foot, who walk on from where they are at first; 0 for users that stay. The control
+    /// center is told.
+    pub speed_mps: f64,
+    /// Time after which a user on foot has forgotten where it went.
+    pub turn_s: f64,
+    /// Users who matter to the placement and whose 95 % radius has grown beyond this when the lanes are flown are looked for again.
+    pub revisit_r95_m: f64,
+    /// How often at most.
+    pub revisits: u16,
 }
 
 impl Default for UsersTable {
     fn default() -> Self {
-        Self { file: None, density_per_km2: 5.0, altitude_m: 0.0 }
+        Self {
+            file: None,
+            density_per_km2: 5.0,
+            altitude_m: 0.0,
+            speed_mps: 0.0,
+            turn_s: 60.0,
+            revisit_r95_m: 200.0,
+            revisits: 1,
+        }
     }
 }
 
@@ -461,10 +478,20 @@ pub struct LinkTable {
     pub burst_every_s: Option<f64>,
     /// Mean length of a burst, in which nothing arrives.
     pub burst_s: f64,
-    /// Bits that a drone or, to each drone, the control center sends in a second at most; any number where it is not stated.
+    /// Bits that a drone or, to each drone, the control center sends in a second at most, with what frames them on a byte link; any number
+    /// where it is not stated. Both keep to it: what keeps drones apart goes first.
     pub bits_per_s: Option<f64>,
     /// Every so often the keys of the links are changed; never where it is not stated.
     pub rekey_s: Option<f64>,
+}
+
+impl LinkTable {
+    /// [`bits_per_s`](Self::bits_per_s) in bytes; 0 for any number.
+    #[must_use]
+    pub fn bytes_per_s(&self) -> u32 {
+        // A rate beyond 32 bits is no limit worth counting.
+        self.bits_per_s.map_or(0, |bits_per_s| ((bits_per_s / 8.0) as u32).max(1))
+    }
 }
 
 impl Default for LinkTable {

@@ -130,6 +130,7 @@ fn refusals_name_line_field_found_and_expected() {
         "[[partitions]]\nfrom_s = 1",
         "[link]\nburst_every_s = 0",
         "[link]\nbits_per_s = -1",
+        "[link]\nbits_per_s = 3999",
         "[link]\nrekey_s = 0",
         "[fleet]\nspacing_m = 867",
         "[fleet]\nmargin_m = 480",

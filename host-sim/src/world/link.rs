@@ -9,6 +9,9 @@
 //! partitions, and a rate that no transmitter exceeds.
 
 mod adversity;
+mod carried;
+
+pub use carried::Carried;
 
 pub use adversity::{Adversity, AdversityConfig};
 
@@ -18,6 +21,7 @@ use adversity::Strike;
 use rand_chacha::ChaCha8Rng;
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
+use skyroost_protocol::stream::FRAMING;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -161,6 +165,7 @@ pub struct Link<const N: usize> {
     /// One more than the number of the latest frame, in sending order, that was delivered.
     delivered_up_to: u64,
     counters: LinkCounters,
+    carried: Carried,
 }
 
 /// The chance in one frame's life, always drawn whole.
@@ -224,6 +229,7 @@ impl<const N: usize> Link<N> {
             adversity: None,
             delivered_up_to: 0,
             counters: LinkCounters::default(),
+            carried: Carried::default(),
         }
     }
 
@@ -249,11 +255,12 @@ impl<const N: usize> Link<N> {
         let number = self.counters.sent;
         self.counters.sent += 1;
         self.counters.bytes += frame.len() as u64;
+        self.carried.add(now_us, frame.len());
         let fate = Fate::draw(&mut self.fates);
         let c = &self.config;
         let mut now_us = now_us;
         if let Some(adversity) = &mut self.adversity {
-            match adversity.strike(now_us, frame.len()) {
+            match adversity.strike(now_us, frame.len() + FRAMING) {
                 Strike::Sent { at_us } => now_us = at_us,
                 Strike::Full => {
                     self.counters.dropped_overflow += 1;
@@ -329,6 +336,12 @@ impl<const N: usize> Link<N> {
     #[must_use]
     pub fn counters(&self) -> &LinkCounters {
         &self.counters
+    }
+
+    /// What it was given to carry.
+    #[must_use]
+    pub fn carried(&self) -> &Carried {
+        &self.carried
     }
 
     /// The present parameters.

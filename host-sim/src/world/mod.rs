@@ -17,6 +17,7 @@ pub mod link;
 pub mod pps;
 pub mod users;
 pub mod vehicle;
+pub mod walkers;
 pub mod wind;
 
 /// A parameter out of its range. Every config has a `check` that finds the first one; whoever reads

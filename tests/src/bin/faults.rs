@@ -55,7 +55,7 @@ fn main() -> ExitCode {
     let ended_safe = count(|end| matches!(end, End::EndedSafe(_)));
     let failed: Vec<_> = flown
         .iter()
-        .filter_map(|Flown { seed, end }| match end {
+        .filter_map(|Flown { seed, end, .. }| match end {
             End::Failed { invariant, at_s } => {
                 Some(json!({ "seed": seed, "invariant": invariant, "at_s": at_s }))
             }
@@ -73,7 +73,7 @@ fn main() -> ExitCode {
             flown.len(),
             failed.len()
         );
-        for Flown { seed, end } in &flown {
+        for Flown { seed, end, .. } in &flown {
             match end {
                 End::Completed => {}
                 End::EndedSafe(why) => println!("  seed {seed} ended safe: {why}"),

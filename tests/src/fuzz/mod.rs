@@ -7,6 +7,7 @@
 pub mod drive;
 mod files;
 mod links;
+mod seeds;
 
 /// What became of the bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,17 +41,17 @@ pub struct Target {
 
 /// All of them.
 pub const TARGETS: [Target; 27] = [
-    links::target("frame", links::frame, links::frames, 600_000),
-    links::target("body", links::body, links::bodies, 400_000),
-    links::target("sealed", links::sealed, links::sealed_frames, 150_000),
-    links::target("stream", links::stream, links::streams, 50_000),
-    links::target("management", links::management, links::management_frames, 800_000),
-    links::target("bus", links::bus_message, links::bus_messages, 500_000),
-    links::target("lockstep", links::lockstep, links::lockstep_talks, 40_000),
-    links::target("autopilot", links::autopilot_message, links::autopilot_messages, 400_000),
-    links::target("inflight", links::inflight, links::autopilot_talks, 8_000),
-    links::target("provision", links::provision, links::provisions, 400_000),
-    links::target("agent", links::agent, links::agent_talks, 20_000),
+    links::target("frame", links::frame, seeds::frames, 600_000),
+    links::target("body", links::body, seeds::bodies, 400_000),
+    links::target("sealed", links::sealed, seeds::sealed_frames, 150_000),
+    links::target("stream", links::stream, seeds::streams, 50_000),
+    links::target("management", links::management, seeds::management_frames, 800_000),
+    links::target("bus", links::bus_message, seeds::bus_messages, 500_000),
+    links::target("lockstep", links::lockstep, seeds::lockstep_talks, 40_000),
+    links::target("autopilot", links::autopilot_message, seeds::autopilot_messages, 400_000),
+    links::target("inflight", links::inflight, seeds::autopilot_talks, 8_000),
+    links::target("provision", links::provision, seeds::provisions, 400_000),
+    links::target("agent", links::agent, seeds::agent_talks, 20_000),
     files::target("area-geojson", files::area_geojson, files::geojson_areas, files::JSON, 20_000),
     files::target("area-kml", files::area_kml, files::kml_areas, files::KML, 12_000),
     files::target("area-plan", files::area_plan, files::plan_areas, files::JSON, 15_000),

@@ -14,6 +14,8 @@
 //!
 //! A closed-form start (Chan & Ho 1994) is of no use here: it needs the clocks, which are off by up to 60 us.
 //!
+//! Users that walk are solved for as if they stood, then followed (`walk`), and solved for again with the ways found.
+//!
 //! Clock groups (fleets) are independent problems, solved in parallel; a user heard by several has its
 //! estimates combined by their information. Results do not depend on threads or on the order of the input.
 
@@ -23,6 +25,7 @@ mod cholesky;
 mod clock;
 mod excess;
 mod model;
+mod motion;
 mod normal;
 mod problem;
 mod r95;
@@ -35,6 +38,7 @@ mod solve;
 #[cfg(test)]
 mod tests;
 mod undeclared;
+mod walk;
 
 use std::collections::BTreeMap;
 
@@ -46,6 +50,7 @@ pub use model::{
     C_M_PER_NS, Capture, ClockFix, ClockModel, FixStatus, Localization, LocalizeConfig, LocalizeError,
     MAX_CAPTURES, Occasion, Robust, UserFix,
 };
+pub use motion::Motion;
 pub use r95::r95;
 pub use running::{Running, RunningFix};
 
@@ -56,7 +61,7 @@ pub use running::{Running, RunningFix};
 pub fn localize(occasions: &[Occasion], cfg: &LocalizeConfig) -> Result<Localization, LocalizeError> {
     cfg.check()?;
     let (problems, dropped) = problem::split(occasions, cfg, |_, _| true);
-    let answers: Vec<_> = problems.par_iter().map(|problem| solve::solve_group(problem, cfg)).collect();
+    let answers: Vec<_> = problems.par_iter().map(|problem| walk::solve_group(problem, cfg)).collect();
     let mut localization = Localization { warnings: dropped.warnings().collect(), ..Localization::default() };
     let mut users: BTreeMap<UserId, UserFix> = BTreeMap::new();
     for answer in answers {
@@ -71,10 +76,23 @@ pub fn localize(occasions: &[Occasion], cfg: &LocalizeConfig) -> Result<Localiza
     Ok(localization)
 }
 
-/// One fix from those of two clock groups, whose noise and clocks are independent.
+impl Localization {
+    /// Makes the places of users that walk those of a later time, in seconds of the mission: where they were heard last, and what
+    /// they may have walked since.
+    pub fn grow(&mut self, time_s: f64, cfg: &LocalizeConfig) {
+        for fix in self.users.iter_mut().filter(|fix| fix.status != FixStatus::NotLocated) {
+            let last_heard_s = fix.last_heard_s;
+            *fix = UserFix { last_heard_s, ..grown(fix, time_s.max(last_heard_s), cfg) };
+        }
+    }
+}
+
+/// One fix from those of two clock groups or visits, whose noise and clocks are independent, as of the later one.
 fn combine(a: &UserFix, b: &UserFix, cfg: &LocalizeConfig) -> UserFix {
     /// 99.9999 % quantile of a chi-square with two degrees of freedom: missions have thousands of users.
     const CONTRADICTION: f64 = 27.63;
+    let last_heard_s = a.last_heard_s.max(b.last_heard_s);
+    let [a, b] = &[a, b].map(|fix| grown(fix, last_heard_s, cfg));
     let mut joint = match (a.status, b.status) {
         (FixStatus::Ok, FixStatus::Ok) => {
             let e = [b.pos_m[0] - a.pos_m[0], b.pos_m[1] - a.pos_m[1]];
@@ -87,7 +105,7 @@ fn combine(a: &UserFix, b: &UserFix, cfg: &LocalizeConfig) -> UserFix {
             let pos_m = std::array::from_fn(|i| a.pos_m[i] + small::dot(a.cov_m2[i], whitened));
             let r95_m = r95(cov_m2);
             let status = if distance > CONTRADICTION { FixStatus::Inconsistent } else { FixStatus::Ok };
-            debug_assert!(r95_m <= cfg.max_r95_m * (1.0 + 1e-9));
+            debug_assert!(r95_m <= a.r95_m.min(b.r95_m) * (1.0 + 1e-9));
             UserFix { pos_m, cov_m2, r95_m, status, ..a.clone() }
         }
         (FixStatus::Ok, _) => a.clone(),
@@ -97,6 +115,15 @@ fn combine(a: &UserFix, b: &UserFix, cfg: &LocalizeConfig) -> UserFix {
     };
     joint.occasions = a.occasions + b.occasions;
     joint.rejected = a.rejected + b.rejected;
-    joint.last_heard_s = a.last_heard_s.max(b.last_heard_s);
     joint
+}
+
+/// A fix as of a later time: whoever walks has gone on. It was a good one and is one still, however wide.
+fn grown(fix: &UserFix, last_heard_s: f64, cfg: &LocalizeConfig) -> UserFix {
+    let mut grown = UserFix { last_heard_s, ..fix.clone() };
+    if !cfg.motion.is_still() && last_heard_s > fix.last_heard_s {
+        grown.cov_m2 = cfg.motion.grown(fix.cov_m2, last_heard_s - fix.last_heard_s);
+        grown.r95_m = r95(grown.cov_m2);
+    }
+    grown
 }

@@ -3,6 +3,8 @@
 use heapless::Vec as BoundedVec;
 use skyroost_protocol::units::{DroneId, UserId};
 
+use super::motion::Motion;
+
 /// Speed of light in metres per nanosecond.
 pub const C_M_PER_NS: f64 = 0.299_792_458;
 
@@ -99,6 +101,8 @@ pub struct LocalizeConfig {
     pub expected_radius_m: f64,
     /// A larger `r95_m` makes a fix [`FixStatus::PoorGeometry`].
     pub max_r95_m: f64,
+    /// How users move.
+    pub motion: Motion,
 }
 
 impl Default for LocalizeConfig {
@@ -117,6 +121,7 @@ impl Default for LocalizeConfig {
             robust: Robust::Tukey { c: 6.0 },
             expected_radius_m: 471.0,
             max_r95_m: 300.0,
+            motion: Motion::STILL,
         }
     }
 }
@@ -180,7 +185,10 @@ impl LocalizeConfig {
             positive("c", c)?;
         }
         positive("expected_radius_m", self.expected_radius_m)?;
-        positive("max_r95_m", self.max_r95_m)
+        positive("max_r95_m", self.max_r95_m)?;
+        let Motion { speed_mps, turn_s } = self.motion;
+        require((0.0..=100.0).contains(&speed_mps), "motion.speed_mps", speed_mps, "a number from 0 to 100")?;
+        positive("motion.turn_s", turn_s)
     }
 }
 
@@ -204,7 +212,7 @@ pub enum FixStatus {
 pub struct UserFix {
     /// Who.
     pub user: UserId,
-    /// East and north in metres. A best guess unless the status is [`FixStatus::Ok`].
+    /// East and north in metres, of a user that walks at `last_heard_s`. A best guess unless the status is [`FixStatus::Ok`].
     pub pos_m: [f64; 2],
     /// Covariance of `pos_m`, the uncertainty of the clocks included.
     pub cov_m2: [[f64; 2]; 2],
@@ -239,6 +247,19 @@ pub struct ClockFix {
     pub drift_ns_per_s: f64,
     /// Time in seconds and offset in nanoseconds at every knot; linear between knots.
     pub knots: Vec<(f64, f64)>,
+}
+
+impl ClockFix {
+    /// Offset at a time, nanoseconds: between the knots, or beyond them along the drift.
+    pub(super) fn at_ns(&self, time_s: f64) -> f64 {
+        let knots = &self.knots;
+        let next = knots.partition_point(|(t, _)| *t <= time_s);
+        match (next.checked_sub(1).and_then(|k| knots.get(k)), knots.get(next)) {
+            (Some((t0, a)), Some((t1, b))) => a + (b - a) * (time_s - t0) / (t1 - t0),
+            (Some((t, a)), None) | (None, Some((t, a))) => a + self.drift_ns_per_s * (time_s - t),
+            (None, None) => 0.0,
+        }
+    }
 }
 
 /// The answer of [`super::localize`].

@@ -5,6 +5,7 @@ use std::ops::Range;
 use skyroost_protocol::units::{DroneId, UserId};
 
 use super::model::{C_M_PER_NS, LocalizeConfig, MAX_CAPTURES, Occasion};
+use super::walk::VISIT_GAP_S;
 
 /// Numbers beyond these are mistakes, and would drown everything else in rounding errors: 31,000 years,
 /// 100,000 km, 11 days, a millisecond, a femtosecond.
@@ -31,7 +32,7 @@ pub(super) struct Heard {
     pub(super) info: [f64; MAX_CAPTURES],
 }
 
-/// One user of a group.
+/// One user of a group; of one that walks, one visit.
 #[derive(Clone, Debug)]
 pub(super) struct UserSpan {
     pub(super) user: UserId,
@@ -57,7 +58,7 @@ pub(super) struct Problem {
     pub(super) clock_group: u16,
     /// Sorted; the first is the reference of the clocks.
     pub(super) drones: Vec<DroneId>,
-    /// Sorted by id.
+    /// Sorted by id, visits by time.
     pub(super) users: Vec<UserSpan>,
     /// Sorted by user, then time.
     pub(super) heard: Vec<Heard>,
@@ -214,11 +215,14 @@ fn build(
         time_s: [f64::INFINITY, f64::NEG_INFINITY],
     };
     let reader = Reader::new(&problem.drones, cfg);
-    for of_user in group.chunk_by_mut(|a, b| a.0 == b.0) {
-        sort_by_time(occasions, of_user);
+    group.chunk_by_mut(|a, b| a.0 == b.0).for_each(|of_user| sort_by_time(occasions, of_user));
+    let at_s = |key: &Key| occasions[key.1 as usize].time_s;
+    let same_visit =
+        |a: &Key, b: &Key| a.0 == b.0 && (cfg.motion.is_still() || at_s(b) - at_s(a) <= VISIT_GAP_S);
+    for of_user in group.chunk_by(same_visit) {
         let start = problem.heard.len();
         let mut track = Track::default();
-        for &(_, i) in of_user.iter() {
+        for &(_, i) in of_user {
             let i = i as usize;
             let heard = reader.hear(&occasions[i], |capture| keep(i, capture), dropped);
             if heard.count > 0 {

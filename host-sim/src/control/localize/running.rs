@@ -13,12 +13,14 @@ use skyroost_protocol::units::{DroneId, UserId};
 
 use super::check::{on_ground, starts, stepped};
 use super::model::{ClockFix, ClockModel, LocalizeConfig, MAX_CAPTURES, Occasion, Robust};
+use super::motion::Motion;
 use super::normal::{PositionPrior, UserBlock};
 use super::problem::{Dropped, Heard, Reader, UserSpan};
 use super::r95::r95;
 use super::robust::{Loss, linearise};
 use super::small::{Mat, dot, horizontal, inverse, mul};
 use super::solve::position_prior;
+use super::walk::VISIT_GAP_S;
 
 /// Most occasions kept of a user; beyond, each new one takes the place of one of those before, every other in turn.
 const KEPT: usize = 64;
@@ -45,6 +47,16 @@ pub struct RunningFix {
     pub known_clocks_r95_m: f64,
     /// Occasions with two or more captures.
     pub occasions: u32,
+    /// When the last of them was, seconds of mission time.
+    pub last_heard_s: f64,
+}
+
+impl RunningFix {
+    /// The same at a later time.
+    fn grown(self, motion: &Motion, time_s: f64) -> Self {
+        let grown_m = |r95_m| motion.grown_r95_m(r95_m, time_s - self.last_heard_s);
+        Self { r95_m: grown_m(self.r95_m), known_clocks_r95_m: grown_m(self.known_clocks_r95_m), ..self }
+    }
 }
 
 /// Estimates of all users, by captures so far.
@@ -114,6 +126,9 @@ impl Running {
         }
         let key = (occasion.user, occasion.clock_group);
         let tracked = self.users.entry(key).or_insert_with(|| Tracked::new(&heard));
+        if !self.cfg.motion.is_still() && heard.time_s - tracked.fix.last_heard_s > VISIT_GAP_S {
+            *tracked = Tracked::new(&heard); // it has gone elsewhere meanwhile
+        }
         tracked.take(heard);
         if f64::from(tracked.heard) >= GROWTH * f64::from(tracked.fitted) {
             tracked.fit(&self.cfg, group);
@@ -125,6 +140,14 @@ impl Running {
     pub fn fix(&self, user: UserId) -> Option<RunningFix> {
         let fixes = self.users.range((user, 0)..=(user, u16::MAX)).map(|(_, tracked)| tracked.fix);
         fixes.min_by(|a, b| a.r95_m.total_cmp(&b.r95_m))
+    }
+
+    /// What is known of a user at a time, seconds of the mission: whoever walks has gone on since it was heard.
+    #[must_use]
+    pub fn fix_at(&self, user: UserId, time_s: f64) -> Option<RunningFix> {
+        let fixes = self.users.range((user, 0)..=(user, u16::MAX));
+        let grown = fixes.map(|(_, tracked)| tracked.fix.grown(&self.cfg.motion, time_s));
+        grown.min_by(|a, b| a.r95_m.total_cmp(&b.r95_m))
     }
 
     /// Users heard so far.
@@ -148,6 +171,7 @@ impl Tracked {
             r95_m: f64::INFINITY,
             known_clocks_r95_m: f64::INFINITY,
             occasions: 0,
+            last_heard_s: first.time_s,
         };
         Self {
             kept: Vec::with_capacity(KEPT),
@@ -165,6 +189,7 @@ impl Tracked {
     fn take(&mut self, heard: Heard) {
         self.heard += 1;
         self.fix.occasions = self.heard;
+        self.fix.last_heard_s = self.fix.last_heard_s.max(heard.time_s);
         for (mean, x) in self.centroid_m.iter_mut().zip(centre_m(&heard)) {
             *mean += (x - *mean) / f64::from(self.heard);
         }
@@ -257,7 +282,7 @@ impl Tracked {
 impl Group {
     /// Offsets of the clocks of an occasion, carried on from the last solution.
     fn offsets_ns(&self, heard: &Heard) -> [f64; MAX_CAPTURES] {
-        let offset_ns = |slot: u8| self.clocks.get(usize::from(slot)).map_or(0.0, |c| at(c, heard.time_s));
+        let offset_ns = |slot: u8| self.clocks.get(usize::from(slot)).map_or(0.0, |c| c.at_ns(heard.time_s));
         heard.slot.map(offset_ns)
     }
 
@@ -274,17 +299,6 @@ impl Group {
             Some((solved_s, _)) => SOLVED_SIGMA_NS.powi(2) + walk * walk * (time_s - solved_s).max(0.0),
             None => dot([offset, drift * time_s], [offset, drift * time_s]) + walk * walk * time_s.abs(),
         }
-    }
-}
-
-/// A clock's offset between its knots, or beyond them along its drift.
-fn at(clock: &ClockFix, time_s: f64) -> f64 {
-    let knots = &clock.knots;
-    let next = knots.partition_point(|(t, _)| *t <= time_s);
-    match (next.checked_sub(1).and_then(|k| knots.get(k)), knots.get(next)) {
-        (Some((t0, a)), Some((t1, b))) => a + (b - a) * (time_s - t0) / (t1 - t0),
-        (Some((t, a)), None) | (None, Some((t, a))) => a + clock.drift_ns_per_s * (time_s - t),
-        (None, None) => 0.0,
     }
 }
 

@@ -9,7 +9,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use skyroost_protocol::units::{DroneId, UserId};
 
-use super::{C_M_PER_NS, Capture, Occasion};
+use super::{C_M_PER_NS, Capture, Motion, Occasion};
 
 /// What is simulated. Defaults are those of the mission.
 #[derive(Clone, Debug)]
@@ -28,6 +28,7 @@ pub struct World {
     pub walk_ns_per_sqrt_s: f64,
     pub drone_pos_sigma_m: f64,
     pub grid_ns: f64,
+    pub motion: Motion,
 }
 
 impl Default for World {
@@ -45,6 +46,7 @@ impl Default for World {
             walk_ns_per_sqrt_s: 0.1,
             drone_pos_sigma_m: 0.02,
             grid_ns: 1.017,
+            motion: Motion::STILL,
         }
     }
 }
@@ -53,7 +55,20 @@ impl Default for World {
 pub struct Flown {
     pub occasions: Vec<Occasion>,
     pub late: Vec<[bool; 3]>,
+    /// Where each user was at first.
     pub truth: BTreeMap<UserId, [f64; 2]>,
+    /// Where each was second by second, if it walked.
+    pub walks: BTreeMap<UserId, Vec<[f64; 2]>>,
+}
+
+impl Flown {
+    /// Where a user was.
+    pub fn at(&self, user: UserId, time_s: f64) -> [f64; 2] {
+        let Some(walk) = self.walks.get(&user) else { return self.truth[&user] };
+        let from = (time_s as usize).min(walk.len() - 2);
+        let f = time_s - from as f64;
+        std::array::from_fn(|k| walk[from][k] + f * (walk[from + 1][k] - walk[from][k]))
+    }
 }
 
 const SPACING_M: f64 = 909.0;
@@ -83,11 +98,36 @@ impl World {
             .collect();
         let track = self.track();
         let share = track.len().div_ceil(usize::from(self.fleets));
-        let mut flown = Flown { occasions: Vec::new(), late: Vec::new(), truth };
+        let walks = self.walks(&truth, share + 2);
+        let mut flown = Flown { occasions: Vec::new(), late: Vec::new(), truth, walks };
         for (fleet, path) in track.chunks(share).enumerate() {
             self.fly_fleet(fleet as u16, path, &mut dice, &mut flown);
         }
         flown
+    }
+
+    /// Velocities by their exact recursion once a second, ways by the trapezoidal rule.
+    fn walks(&self, from: &BTreeMap<UserId, [f64; 2]>, seconds: usize) -> BTreeMap<UserId, Vec<[f64; 2]>> {
+        let mut walks = BTreeMap::new();
+        if self.motion.is_still() {
+            return walks;
+        }
+        let mut dice = Dice(ChaCha8Rng::seed_from_u64(!self.seed));
+        let sigma_mps = self.motion.velocity_m2ps2().sqrt();
+        let kept = (-1.0 / self.motion.turn_s).exp();
+        for (&user, &at) in from {
+            let mut velocity: [f64; 2] = std::array::from_fn(|_| sigma_mps * dice.normal());
+            let mut walk = vec![at];
+            for _ in 1..seconds {
+                let before = velocity;
+                velocity =
+                    velocity.map(|v| kept * v + sigma_mps * (1.0 - kept * kept).sqrt() * dice.normal());
+                let last = walk[walk.len() - 1];
+                walk.push(std::array::from_fn(|k| last[k] + 0.5 * (before[k] + velocity[k])));
+            }
+            walks.insert(user, walk);
+        }
+        walks
     }
 
     /// Fleet centre and heading (+1, -1 or 0 along north) second by second, over all lanes.
@@ -116,7 +156,9 @@ impl World {
         let drift: [f64; 3] = std::array::from_fn(|_| self.drift_ns_per_s * (2.0 * dice.uniform() - 1.0));
         let phases: Vec<f64> = flown.truth.keys().map(|_| dice.uniform()).collect();
         for (second, centre) in path.iter().enumerate() {
-            for ((&user, p), phase) in flown.truth.iter().zip(&phases) {
+            for ((&user, start), phase) in flown.truth.iter().zip(&phases) {
+                let time_s = second as f64 + phase;
+                let p = if flown.walks.is_empty() { *start } else { flown.at(user, time_s) };
                 let reach = (p[0] - centre[0]).hypot(p[1] - centre[1]);
                 if reach > RADIUS_M {
                     continue;
@@ -152,12 +194,7 @@ impl World {
                     };
                     captures.push(capture).expect("three drones");
                 }
-                flown.occasions.push(Occasion {
-                    user,
-                    clock_group: fleet,
-                    time_s: second as f64 + phase,
-                    captures,
-                });
+                flown.occasions.push(Occasion { user, clock_group: fleet, time_s, captures });
                 flown.late.push(late);
             }
             for i in 0..3 {

@@ -10,6 +10,7 @@ use super::r95::r95;
 use super::robust::Loss;
 use super::small::{Mat, horizontal};
 use super::undeclared;
+use super::walk;
 
 /// The noise is first taken this many times larger than it is, then less and less (graduated non-convexity,
 /// Blake & Zisserman 1987): the start is off by some 100 ns, and a capture that far off must not be thrown out.
@@ -35,6 +36,8 @@ const FEW_USERS: usize = 6;
 #[derive(Clone, Debug, Default)]
 pub(super) struct GroupAnswer {
     pub(super) users: Vec<UserFix>,
+    /// Of each, what its covariance holds beyond the noise of its captures.
+    pub(super) beyond_m2: Vec<Mat<2>>,
     pub(super) clocks: Vec<ClockFix>,
     pub(super) iterations: u32,
     pub(super) warnings: Vec<String>,
@@ -71,11 +74,11 @@ pub(super) struct Solved<const D: usize> {
     pub(super) cost: f64,
 }
 
-/// Solves one group.
-pub(super) fn solve_group(problem: &Problem, cfg: &LocalizeConfig) -> GroupAnswer {
+/// Solves one group of users that stand.
+pub(super) fn solve_standing(problem: &Problem, cfg: &LocalizeConfig) -> GroupAnswer {
     if problem.heard.is_empty() {
-        let users = (problem.users.iter()).map(|user| check::not_located(user, cfg)).collect();
-        return GroupAnswer { users, ..GroupAnswer::default() };
+        let users: Vec<UserFix> = problem.users.iter().map(|user| check::not_located(user, cfg)).collect();
+        return GroupAnswer { beyond_m2: vec![[[0.0; 2]; 2]; users.len()], users, ..GroupAnswer::default() };
     }
     if cfg.user_altitude_sigma_m > 0.0 {
         solve_and_doubt::<3>(problem, cfg)
@@ -292,13 +295,16 @@ impl<'a, const D: usize> Solver<'a, D> {
             answer.warnings.push(format!("clock group {group}: covariances are not positive definite"));
         }
         for (u, user) in self.problem.users.iter().enumerate() {
-            let fix = match (&covariances, &eliminated) {
+            let (fix, beyond_m2) = match (&covariances, &eliminated) {
                 (Some(covariances), Some(eliminated)) => {
-                    self.verdict(state, u, &covariances[u], &normal, eliminated)
+                    let fix = self.verdict(state, u, &covariances[u], &normal, eliminated);
+                    let beyond_m2 = walk::beyond_noise(&fix.cov_m2, &eliminated.inverses[u]);
+                    (fix, beyond_m2)
                 }
-                _ => check::not_located(user, self.cfg),
+                _ => (check::not_located(user, self.cfg), [[0.0; 2]; 2]),
             };
             answer.users.push(fix);
+            answer.beyond_m2.push(beyond_m2);
         }
         let grid = &state.grid;
         for (slot, &drone) in self.problem.drones.iter().enumerate() {

@@ -1,8 +1,20 @@
 //! The control center's end of one drone's link: who may be believed, and commands that are repeated until they are
 //! acknowledged.
 
-use super::quality::Quality;
-use crate::{control::keys::LinkKeys, geometry::V2};
+mod failure;
+mod pace;
+#[cfg(test)]
+mod tests;
+
+use super::{pos_m, quality::Quality};
+use crate::{
+    control::keys::LinkKeys,
+    geometry::{V2, V3},
+};
+use failure::name;
+pub use failure::{DroneFailure, Refusals};
+use pace::Pace;
+pub use pace::{HeldBack, Traffic};
 use skyroost_protocol::{
     DecodeError, LinkEnd, LinkFault, MIN_PROTOCOL_VERSION, PROTOCOL_VERSION, SCHEMA_HASH,
     codec::{MAX_FRAME, decode_body},
@@ -15,7 +27,7 @@ use skyroost_protocol::{
     },
     units::{CommandId, DroneId, PosEnuMm, TimePs, VelEnuMmps},
 };
-use std::collections::VecDeque;
+use std::{collections::VecDeque, ops::Range};
 
 /// A command without an answer is repeated after this time: two ways of the radio and some.
 const REPEAT_AFTER: TimePs = TimePs::from_ms(600);
@@ -25,8 +37,10 @@ const IDENTIFY_EVERY: TimePs = TimePs::from_ms(1_000);
 const TELEMETRY_FRESH: TimePs = TimePs::from_ms(2_500);
 /// Slower than this a drone stands still, millimetres a second in each direction.
 const STANDING_MMPS: u16 = 300;
-/// A drone that has stood for so long on its way does not get where it was sent.
+/// A drone that has stayed for so long where it is, on its way, does not get where it was sent;
 const SHORT_FOR: TimePs = TimePs::from_ms(60_000);
+/// nor does one that wavers there by no more than this, metres: two in each other's way do.
+const STAYS_WITHIN_M: f64 = 5.0;
 /// Repetitions before the drone counts as unreachable.
 const MOST_REPEATS: u32 = 50;
 /// A drone in the air that says nothing for this long is lost: fifteen shared states, and the radio's delay on top
@@ -46,64 +60,6 @@ struct UnderWay {
     command: Command,
     sent: TimePs,
     repeats: u32,
-}
-
-/// Why a drone does not do what it is told.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum DroneFailure {
-    /// It speaks another protocol.
-    #[error(
-        "drone {drone} speaks protocol {version_min} to {version_max} with schema {schema_hash:08x}, \
-         expected {PROTOCOL_VERSION} with {SCHEMA_HASH:08x}", drone = .drone.0
-    )]
-    Incompatible {
-        /// Which drone.
-        drone: DroneId,
-        /// Its oldest version.
-        version_min: u8,
-        /// Its newest version.
-        version_max: u8,
-        /// Its schema.
-        schema_hash: u32,
-    },
-    /// It never answered.
-    #[error("drone {drone} did not answer {command}", drone = .drone.0)]
-    Unreachable {
-        /// Which drone.
-        drone: DroneId,
-        /// What it was told.
-        command: &'static str,
-    },
-    /// It refused.
-    #[error("drone {drone} refused {command}: {status:?}", drone = .drone.0)]
-    Refused {
-        /// Which drone.
-        drone: DroneId,
-        /// What it was told.
-        command: &'static str,
-        /// Its answer.
-        status: AckStatus,
-    },
-}
-
-/// Frames of a drone that were not taken in.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Refusals {
-    /// No frame of this protocol, or nothing that a drone says.
-    pub rejected: u64,
-    /// Not sealed with the drone's key: forged, damaged, or of a boot that is over.
-    pub forged: u64,
-    /// Seen before, or too old.
-    pub repeated: u64,
-}
-
-impl Refusals {
-    /// Adds those of another link.
-    pub fn add(&mut self, other: Self) {
-        self.rejected += other.rejected;
-        self.forged += other.forged;
-        self.repeated += other.repeated;
-    }
 }
 
 /// One drone as the control center sees it.
@@ -137,8 +93,8 @@ pub struct DroneLink {
     pub(super) deaf_since: Option<TimePs>,
     /// Where it was sent last.
     goal_m: Option<V2>,
-    /// Since when it has stood on the way there.
-    stands_since: Option<TimePs>,
+    /// Where it has stayed on the way there, and since when.
+    stays: Option<(TimePs, V3)>,
     /// How well frames get through.
     pub quality: Quality,
     end: LinkEnd,
@@ -151,12 +107,16 @@ pub struct DroneLink {
     /// When the last acceptance came: telemetry from before may not know of the command.
     accepted: TimePs,
     upload: Option<(MissionHeader, Vec<[i32; 2]>)>,
+    /// The pieces of the upload that are to be said, by number.
+    pieces: Range<usize>,
+    /// What may be said when.
+    pub(super) pace: Pace,
 }
 
 impl DroneLink {
-    /// A drone not heard of yet.
+    /// A drone not heard of yet, to which so many bytes a second can be said; 0 for any number.
     #[must_use]
-    pub fn new(id: DroneId, keys: &LinkKeys) -> Self {
+    pub fn new(id: DroneId, keys: &LinkKeys, bytes_per_s: u32) -> Self {
         Self {
             id,
             connected: false,
@@ -172,7 +132,7 @@ impl DroneLink {
             deaf: false,
             deaf_since: None,
             goal_m: None,
-            stands_since: None,
+            stays: None,
             quality: Quality::default(),
             end: LinkEnd::new(DroneId::CONTROL, keys.boot_epoch(), id, keys.root(id).cloned()),
             resumes: false,
@@ -182,6 +142,8 @@ impl DroneLink {
             next_command: 1,
             accepted: TimePs(0),
             upload: None,
+            pieces: 0..0,
+            pace: Pace::new(bytes_per_s),
         }
     }
 
@@ -197,9 +159,16 @@ impl DroneLink {
         send: &mut impl FnMut(DroneId, &[u8]),
     ) -> Result<Option<Up>, DroneFailure> {
         match self.open(bytes) {
-            Ok(message) => self.takes(now, &message, send).map(|()| Some(message)),
+            Ok((message, bound)) => {
+                self.pace.traffic.heard(&message, bytes.len());
+                // Of what may have been recorded not even that it was said now is believed.
+                if bound {
+                    self.hears(now, &message);
+                }
+                self.takes(now, &message, send).map(|()| Some(message))
+            }
             Err(LinkFault::Decode(DecodeError::Version { found: MANAGEMENT_VERSION })) => {
-                self.managed(bytes, send)?;
+                self.managed(now, bytes, send)?;
                 Ok(None)
             }
             Err(fault) => {
@@ -212,9 +181,9 @@ impl DroneLink {
         }
     }
 
-    /// The message of a frame that is to be believed.
-    fn open(&mut self, bytes: &[u8]) -> Result<Up, LinkFault> {
-        let mut room = ROOM;
+    /// The message of a frame that is to be believed, and whether it was said to this boot of the control center.
+    fn open(&mut self, bytes: &[u8]) -> Result<(Up, bool), LinkFault> {
+        let (mut room, boot_before) = (ROOM, self.end.other_epoch());
         let opened = self.end.open(bytes, &mut room)?;
         let message = decode_body(opened.body)?;
         if !opened.bound {
@@ -224,8 +193,13 @@ impl DroneLink {
             }
             self.end.meet(opened.header.boot_epoch);
         }
+        let bound = opened.bound;
         self.connected = self.end.is_bound() && (self.end.is_sealed() || self.connected);
-        Ok(message)
+        if boot_before.is_some() && boot_before != self.end.other_epoch() {
+            // Its board has started anew: what it said before it does not know any more.
+            (self.telemetry, self.said_phase) = (None, None);
+        }
+        Ok((message, bound))
     }
 
     fn refuse(&mut self, fault: LinkFault) {
@@ -247,18 +221,24 @@ impl DroneLink {
         self.identify_due = now.after(IDENTIFY_EVERY);
         let mut frame = [0; MAX_MANAGEMENT];
         let length = self.end.manage(&Management::Identify, &mut frame).expect("the frame holds it");
+        self.pace.pay(now, length);
         send(self.id, &frame[..length]);
     }
 
     /// A drone says who it is: one that understands is told that this control center is there.
-    fn managed(&mut self, bytes: &[u8], send: &mut impl FnMut(DroneId, &[u8])) -> Result<(), DroneFailure> {
+    fn managed(
+        &mut self,
+        now: TimePs,
+        bytes: &[u8],
+        send: &mut impl FnMut(DroneId, &[u8]),
+    ) -> Result<(), DroneFailure> {
         match self.end.managed(bytes) {
             Ok((boot_epoch, Management::Identity(identity))) => {
                 let Identity { version_min, version_max, schema_hash, .. } = identity;
                 let version = self.common_version(version_min, version_max, schema_hash)?;
                 self.end.meet(boot_epoch);
                 if !self.end.is_bound() && self.end.other_epoch().is_some() {
-                    self.welcome(version, send);
+                    self.welcome(now, version, send);
                 }
             }
             Ok((_, Management::Identify)) => self.refuse(LinkFault::Unexpected),
@@ -277,8 +257,8 @@ impl DroneLink {
         Ok(version)
     }
 
-    fn welcome(&mut self, version: u8, send: &mut impl FnMut(DroneId, &[u8])) {
-        self.say(&Down::Welcome { version, schema_hash: SCHEMA_HASH, resumes: self.resumes }, send);
+    fn welcome(&mut self, now: TimePs, version: u8, send: &mut impl FnMut(DroneId, &[u8])) {
+        self.say(now, &Down::Welcome { version, schema_hash: SCHEMA_HASH, resumes: self.resumes }, send);
     }
 
     fn takes(
@@ -287,14 +267,11 @@ impl DroneLink {
         message: &Up,
         send: &mut impl FnMut(DroneId, &[u8]),
     ) -> Result<(), DroneFailure> {
-        self.hears(now, message);
         match *message {
             Up::Hello { version_min, version_max, schema_hash, .. } => {
                 let version = self.common_version(version_min, version_max, schema_hash)?;
                 self.connected |= !self.end.is_sealed();
-                // Its board has just started: what it said before it does not know any more.
-                (self.telemetry, self.said_phase) = (None, None);
-                self.welcome(version, send);
+                self.welcome(now, version, send);
             }
             Up::CommandAck { command, status } => self.acknowledged(now, command, status, send)?,
             Up::SharedState(state) if self.state.is_none_or(|known| known.time < state.time) => {
@@ -356,7 +333,7 @@ impl DroneLink {
         let is_rekey = |it: &mut UnderWay| !matches!(it.command, Command::Rekey(_));
         self.queue.clear();
         let _ = self.under_way.take_if(is_rekey);
-        self.upload = None;
+        (self.upload, self.pieces) = (None, 0..0);
     }
 
     /// For how long it has been silent.
@@ -432,26 +409,32 @@ impl DroneLink {
         self.state.is_some_and(|state| state.vel.0.iter().all(slow))
     }
 
-    /// Where it was to fly and does not get to: it has stood in the air for a minute on the way there.
+    /// Where it was to fly and does not get to: it has stayed in the air for a minute on the way there.
     #[must_use]
-    pub fn stands_short(&mut self, now: TimePs) -> Option<V2> {
-        let goal = self.goal_m.filter(|_| self.stands() && self.phase(now) == Some(FlightPhase::GoTo));
-        let Some(goal) = goal else {
-            self.stands_since = None;
+    pub fn stays_short(&mut self, now: TimePs) -> Option<V2> {
+        // Until it is heard again it may be where it was.
+        let phase = self.phase(now)?;
+        let (Some(goal), Some(state), FlightPhase::GoTo) = (self.goal_m, self.state, phase) else {
+            self.stays = None;
             return None;
         };
-        let since = *self.stands_since.get_or_insert(now);
+        let at_m = pos_m(&state.pos);
+        let (since, _) = match self.stays {
+            Some((since, stayed_m)) if (at_m - stayed_m).norm() <= STAYS_WITHIN_M => (since, stayed_m),
+            _ => *self.stays.insert((now, at_m)),
+        };
         (now.since(since) >= SHORT_FOR).then_some(goal)
     }
 
-    /// Sends a message in the next frame.
+    /// Sends a message in the next frame, whatever it costs.
     ///
     /// # Panics
     /// Never: a frame holds every message.
-    pub fn say(&mut self, message: &Down, send: &mut impl FnMut(DroneId, &[u8])) {
+    pub fn say(&mut self, now: TimePs, message: &Down, send: &mut impl FnMut(DroneId, &[u8])) {
         let mut frame = [0; MAX_FRAME];
         // A link is done long before 2^32 frames.
         let length = self.end.encode_into(message, &mut frame).expect("a frame holds every message");
+        self.pace.says(now, message, length);
         send(self.id, &frame[..length]);
     }
 
@@ -464,7 +447,7 @@ impl DroneLink {
     pub fn command(&mut self, command: Command) {
         if let Command::Place { target } = &command {
             let [x, y, _] = target.0.map(|mm| f64::from(mm) * 1e-3);
-            (self.goal_m, self.stands_since) = (Some(V2::new(x, y)), None);
+            (self.goal_m, self.stays) = (Some(V2::new(x, y)), None);
         }
         self.queue.push_back(command);
     }
@@ -478,7 +461,7 @@ impl DroneLink {
         let lanes_crc = lanes_crc(&waypoints_mm);
         self.command(Command::UploadBegin(header));
         self.command(Command::UploadCommit { mission: header.mission, lanes_crc });
-        self.upload = Some((header, waypoints_mm));
+        (self.upload, self.pieces) = (Some((header, waypoints_mm)), 0..0);
     }
 
     /// Changes the key of the link, unless a change is still under way: the drone may have the key of that one, or not.
@@ -512,10 +495,10 @@ impl DroneLink {
         (self.accepted, self.resumes) = (now, false);
         match (status, under_way.command) {
             (AckStatus::Accepted, Command::Rekey(_)) => self.end.confirmed(),
-            (AckStatus::Accepted, Command::UploadBegin(_)) => self.send_lanes(0, send),
+            (AckStatus::Accepted, Command::UploadBegin(_)) => self.lay_out(0),
             (AckStatus::Accepted, _) => {}
             (AckStatus::Incomplete { first_missing }, commit @ Command::UploadCommit { .. }) => {
-                self.send_lanes(first_missing, send);
+                self.lay_out(first_missing);
                 // A new number: the drone answers a known one without looking again.
                 self.queue.push_front(commit);
             }
@@ -523,6 +506,7 @@ impl DroneLink {
                 return Err(DroneFailure::Refused { drone: self.id, command: name(&command), status });
             }
         }
+        self.say_lanes(now, send);
         Ok(())
     }
 
@@ -534,7 +518,11 @@ impl DroneLink {
         if !self.is_met() {
             return Ok(());
         }
+        // A commitment is said after the pieces that it commits.
+        let waits =
+            !self.pieces.is_empty() && matches!(self.queue.front(), Some(Command::UploadCommit { .. }));
         if self.under_way.is_none()
+            && !waits
             && let Some(command) = self.queue.pop_front()
         {
             if let Command::Rekey(key) = &command {
@@ -544,8 +532,8 @@ impl DroneLink {
             self.next_command = self.next_command.wrapping_add(1);
             let message = Down::Command { id, command: command.clone() };
             self.under_way = Some(UnderWay { id, command, sent: now, repeats: 0 });
-            self.say_that_it_resumes(send);
-            self.say(&message, send);
+            self.say_that_it_resumes(now, send);
+            self.say(now, &message, send);
         } else if let Some(under_way) = &mut self.under_way
             && now.since(under_way.sent) >= REPEAT_AFTER
         {
@@ -556,27 +544,45 @@ impl DroneLink {
                 return Err(DroneFailure::Unreachable { drone: self.id, command: name(&under_way.command) });
             }
             let message = Down::Command { id: under_way.id, command: under_way.command.clone() };
-            self.say_that_it_resumes(send);
-            self.say(&message, send);
+            self.say_that_it_resumes(now, send);
+            self.say(now, &message, send);
         }
         Ok(())
     }
 
     /// Until a command is acknowledged the drone may not know that numbers go on, and then leaves commands aside.
-    fn say_that_it_resumes(&mut self, send: &mut impl FnMut(DroneId, &[u8])) {
+    fn say_that_it_resumes(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
         if self.resumes {
-            self.welcome(PROTOCOL_VERSION, send);
+            self.welcome(now, PROTOCOL_VERSION, send);
         }
     }
 
-    fn send_lanes(&mut self, from: u16, send: &mut impl FnMut(DroneId, &[u8])) {
+    /// The pieces of the upload from this waypoint on are to be said.
+    fn lay_out(&mut self, from: u16) {
+        let count = self.upload.as_ref().map_or(0, |(_, lanes)| lanes.len().div_ceil(MAX_LANE_PIECE));
+        self.pieces = usize::from(from) / MAX_LANE_PIECE..count;
+    }
+
+    /// Says as many pieces of the upload as there is room for; the others wait.
+    ///
+    /// # Panics
+    /// Never: a piece is cut to fit.
+    pub fn say_lanes(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
+        if self.pieces.is_empty() {
+            return;
+        }
         let Some((header, lanes)) = self.upload.take() else { return };
-        let first_piece = usize::from(from) / MAX_LANE_PIECE;
-        for (index, piece) in lanes.chunks(MAX_LANE_PIECE).enumerate().skip(first_piece) {
+        while !self.pieces.is_empty() {
+            if !self.pace.has_room(now) {
+                self.pace.held_back.pieces += 1;
+                break;
+            }
+            let first = self.pieces.start * MAX_LANE_PIECE;
+            self.pieces.start += 1;
+            let piece = &lanes[first..lanes.len().min(first + MAX_LANE_PIECE)];
             let waypoints_mm = heapless::Vec::from_slice(piece).expect("a chunk fits a piece");
-            let first = (index * MAX_LANE_PIECE) as u16;
-            let piece = LanePiece { mission: header.mission, first, waypoints_mm };
-            self.say(&Down::LanePiece(piece), send);
+            let piece = LanePiece { mission: header.mission, first: first as u16, waypoints_mm };
+            self.say(now, &Down::LanePiece(piece), send);
         }
         self.upload = Some((header, lanes));
     }
@@ -587,62 +593,4 @@ impl DroneLink {
 pub fn place_at(pos_m: V2, altitude_m: f64) -> Command {
     let [x, y, z] = [pos_m.x, pos_m.y, altitude_m].map(|m| (m * 1e3).round() as i32);
     Command::Place { target: PosEnuMm([x, y, z]) }
-}
-
-/// A command's name, for people.
-fn name(command: &Command) -> &'static str {
-    match command {
-        Command::UploadBegin(_) => "the mission upload",
-        Command::UploadCommit { .. } => "the end of the mission upload",
-        Command::TakeOff => "take-off",
-        Command::StartSweep { .. } => "the start of the sweep",
-        Command::Place { .. } => "the placement",
-        Command::Hold => "hold",
-        Command::ReturnHome => "return home",
-        Command::Rekey(_) => "a change of its key",
-        Command::PeerKey(_) => "the key of its fleet",
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use skyroost_protocol::codec::{Message, decode};
-
-    fn sent(link: &mut DroneLink, ms: i64) -> Vec<Message> {
-        let mut frames = Vec::new();
-        link.step(TimePs::from_ms(ms), &mut |_, f| frames.push(decode(f).unwrap().1)).unwrap();
-        frames
-    }
-
-    #[test]
-    fn a_command_is_repeated_until_acknowledged() {
-        let mut link = DroneLink::new(DroneId(1), &LinkKeys::none());
-        link.command(Command::TakeOff);
-        link.command(Command::Hold);
-        let first = sent(&mut link, 0);
-        assert!(matches!(first[..], [Message::Down(Down::Command { id: CommandId(1), .. })]));
-        assert!(sent(&mut link, 100).is_empty());
-        assert_eq!(sent(&mut link, 700), first);
-        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, &mut |_, _| {}).unwrap();
-        link.acknowledged(TimePs(0), CommandId(1), AckStatus::Accepted, &mut |_, _| {}).unwrap(); // late twin
-        assert!(matches!(sent(&mut link, 720)[..], [Message::Down(Down::Command { id: CommandId(2), .. })]));
-        let refused =
-            link.acknowledged(TimePs(0), CommandId(2), AckStatus::WrongPhase, &mut |_, _| {}).unwrap_err();
-        assert_eq!(refused.to_string(), "drone 1 refused hold: WrongPhase");
-    }
-
-    #[test]
-    fn a_silent_drone_is_given_up() {
-        let mut link = DroneLink::new(DroneId(7), &LinkKeys::none());
-        link.command(Command::TakeOff);
-        let mut result = Ok(());
-        for s in 0..100 {
-            result = link.step(TimePs::from_ms(s * 1000), &mut |_, _| {});
-            if result.is_err() {
-                break;
-            }
-        }
-        assert_eq!(result.unwrap_err().to_string(), "drone 7 did not answer take-off");
-    }
 }

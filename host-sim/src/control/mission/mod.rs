@@ -3,6 +3,7 @@
 //! Connect, upload, take off, assemble, sweep, locate, place, deploy, refine, serve. Whatever is commanded is repeated
 //! until acknowledged ([`drone`]); measurements are not repeated, as the next occasion is a second away.
 
+pub(in crate::control) mod asking;
 mod assembly;
 pub mod drone;
 mod goals;
@@ -11,6 +12,9 @@ mod quality;
 mod refine;
 pub(in crate::control) mod relaying;
 pub mod replan;
+mod revisit;
+#[cfg(test)]
+mod simple;
 mod stages;
 mod watch;
 
@@ -24,8 +28,9 @@ use crate::{
     },
     geometry::{V2, V3},
 };
+use asking::{Again, Asking};
 use assembly::Assembling;
-use drone::{DroneFailure, DroneLink, Refusals};
+use drone::{DroneFailure, DroneLink, HeldBack, Refusals, Traffic};
 pub use goals::GoalConflict;
 use plan::{MissionPlan, PlannedFleet};
 use refine::Refinement;
@@ -34,7 +39,7 @@ use relaying::Relaying;
 use replan::Progress;
 pub use replan::Replan;
 use skyroost_protocol::{
-    message::{AckStatus, Down, FlightPhase, MateTdoa, TdoaCounts, TdoaEntry, TdoaFlags, Up},
+    message::{AckStatus, FlightPhase, MateTdoa, TdoaCounts, TdoaEntry, TdoaFlags, Up},
     units::{DroneId, OccasionId, PosEnuMm, TimePs, ToaSigma, UserId},
 };
 use thiserror::Error;
@@ -43,17 +48,6 @@ pub use watch::{Happening, OperatorEvent};
 /// Everything is solved for the first time after so many occasions for each fleet, and again when they have grown by as
 /// many and a half: a fleet of few users is the dearest to solve for, each being tried from all sides.
 const FIRST_SOLUTION: usize = 128;
-
-/// Between two copies of what is said more than once: bursts of loss are short, and so is the time to an occasion.
-pub(in crate::control) const COPY_EVERY: TimePs = TimePs::from_ms(80);
-
-/// Something to be said once more.
-#[derive(Debug)]
-struct Again {
-    due: TimePs,
-    mates: [DroneId; 3],
-    message: Down,
-}
 
 /// What the control center is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -155,6 +149,8 @@ pub struct ControlCounters {
     pub tdoa_saturated: u64,
     /// Differences that no place of the user explains: a capture behind each was left out as late.
     pub tdoa_gated: u64,
+    /// Requests that no link of a fleet had room for in time, and copies of requests.
+    pub held_back: HeldBack,
 }
 
 /// What a drone is for in the second stage.
@@ -184,6 +180,8 @@ pub struct ControlCenter {
     drones: Vec<DroneLink>,
     schedules: Vec<FleetSchedule>,
     scheduled: Vec<Scheduled>,
+    /// Requests that are still to be said.
+    asking: Vec<Asking>,
     /// Requests that are said more than once.
     again: Vec<Again>,
     reported: Vec<bool>,
@@ -197,6 +195,8 @@ pub struct ControlCenter {
     sweep_started: Option<TimePs>,
     progress: Progress,
     localization: Localization,
+    /// When users were located for the placement, which is the time that their places are as of.
+    located_at: Option<TimePs>,
     placement: Option<Placement>,
     targets: Vec<Target>,
     /// Drones that the placement counts on.
@@ -221,7 +221,11 @@ impl ControlCenter {
         let groups = plan.fleets.iter().map(|fleet| (fleet.clock_group, fleet.mates.to_vec()));
         let running = Running::new(plan.localize, groups);
         Self {
-            drones: plan.drones.iter().map(|d| DroneLink::new(d.id, &plan.keys)).collect(),
+            drones: plan
+                .drones
+                .iter()
+                .map(|d| DroneLink::new(d.id, &plan.keys, plan.link_bytes_per_s))
+                .collect(),
             legs: vec![None; plan.drones.len()],
             schedules,
             running,
@@ -231,6 +235,7 @@ impl ControlCenter {
             stage: Stage::Connect,
             stage_since: TimePs(0),
             scheduled: Vec::new(),
+            asking: Vec::new(),
             again: Vec::new(),
             reported: Vec::new(),
             occasions: Vec::new(),
@@ -239,6 +244,7 @@ impl ControlCenter {
             sweep_started: None,
             progress: Progress::default(),
             localization: Localization::default(),
+            located_at: None,
             placement: None,
             targets: Vec::new(),
             placed_for: Vec::new(),
@@ -298,6 +304,12 @@ impl ControlCenter {
         &self.localization
     }
 
+    /// When users were located for the placement; where they are is as of then.
+    #[must_use]
+    pub fn located_at(&self) -> Option<TimePs> {
+        self.located_at
+    }
+
     /// The placement, once planned.
     #[must_use]
     pub fn placement(&self) -> Option<&Placement> {
@@ -327,6 +339,22 @@ impl ControlCenter {
     pub fn refusals(&self) -> Refusals {
         let mut sum = Refusals::default();
         self.drones.iter().for_each(|drone| sum.add(drone.refusals));
+        sum
+    }
+
+    /// What found no room on the links, of all drones.
+    #[must_use]
+    pub fn held_back(&self) -> HeldBack {
+        let mut sum = self.counters.held_back;
+        self.drones.iter().for_each(|drone| sum += drone.pace.held_back);
+        sum
+    }
+
+    /// Bytes said and heard, of all drones.
+    #[must_use]
+    pub fn traffic(&self) -> Traffic {
+        let mut sum = Traffic::default();
+        self.drones.iter().for_each(|drone| sum += drone.pace.traffic);
         sum
     }
 
@@ -404,6 +432,7 @@ impl ControlCenter {
             self.ask_for_srs(now, send);
             self.solve_now_and_then()?;
         }
+        self.drones.iter_mut().for_each(|drone| drone.say_lanes(now, send));
         self.advance(now)
     }
 
@@ -414,7 +443,7 @@ impl ControlCenter {
             drone.resume(now, &self.plan.keys);
             self.events.push(OperatorEvent { time: now, drone: drone.id, what: Happening::Resumed });
         }
-        self.again.clear();
+        self.ask_no_more();
         (self.rekey_due, self.misplaced_since) = (None, None);
     }
 
@@ -441,39 +470,6 @@ impl ControlCenter {
         self.rekey_due = Some(now.after(period));
         for drone in self.drones.iter_mut().filter(|drone| drone.connected) {
             drone.rekey(self.plan.keys.fresh());
-        }
-    }
-
-    fn ask_for_srs(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
-        let fleets = self.schedules.iter_mut().zip(&self.plan.fleets);
-        for (schedule, fleet) in fleets.filter(|(schedule, _)| schedule.is_due(now)) {
-            let running = &self.running;
-            let r95_m = |user| running.fix(user).map(|fix| fix.known_clocks_r95_m);
-            let mut mates: Vec<&mut DroneLink> =
-                self.drones.iter_mut().filter(|d| fleet.mates.contains(&d.id)).collect();
-            // All three have to hear of an occasion, and before it: the worst link says when and how often.
-            let delay = mates.iter().map(|drone| drone.quality.delay()).max().unwrap_or_default();
-            let copies = mates.iter().map(|drone| drone.quality.copies()).max().unwrap_or(1);
-            let lead = schedule.lead(delay, copies);
-            schedule.step(now, lead, r95_m, &mut self.scheduled, |request| {
-                let message = Down::SrsRequest(request);
-                mates.iter_mut().for_each(|drone| drone.say(&message, send));
-                self.again.extend((1..copies).map(|copy| Again {
-                    due: now.after(TimePs(COPY_EVERY.0 * copy as i64)),
-                    mates: fleet.mates,
-                    message: message.clone(),
-                }));
-            });
-        }
-        self.reported.resize(self.scheduled.len(), false);
-        self.say_again(now, send);
-    }
-
-    /// Says what is due to be said once more, to drones that may not have heard it.
-    fn say_again(&mut self, now: TimePs, send: &mut impl FnMut(DroneId, &[u8])) {
-        let drones = &mut self.drones;
-        for Again { mates, message, .. } in self.again.extract_if(.., |again| again.due <= now) {
-            drones.iter_mut().filter(|d| mates.contains(&d.id)).for_each(|drone| drone.say(&message, send));
         }
     }
 

@@ -2,8 +2,12 @@
 
 use crate::{
     control::{
-        airspace::Airspace, assemble::Assembly, keys::LinkKeys, localize::LocalizeConfig,
-        srs_schedule::SrsConfig, sweep::SweepRequest,
+        airspace::Airspace,
+        assemble::{Assembly, slot_m},
+        keys::LinkKeys,
+        localize::LocalizeConfig,
+        srs_schedule::SrsConfig,
+        sweep::{SweepPlan, SweepRequest},
     },
     geometry::{V2, V3, region::Region},
 };
@@ -49,8 +53,12 @@ pub struct MissionPlan {
     pub srs: SrsConfig,
     /// How users are located.
     pub localize: LocalizeConfig,
+    /// Which users that walk are looked for again.
+    pub revisit: Revisit,
     /// Every so often shared states are relayed.
     pub relay_period: TimePs,
+    /// Bytes a second that can be said to each drone; 0 for any number.
+    pub link_bytes_per_s: u32,
     /// What a sweep is planned from anew when drones fall out; none to go on as planned, whatever happens.
     pub resweep: Option<Resweep>,
     /// What the mission was planned from, as a number: tells missions apart whose plans are alike.
@@ -59,6 +67,15 @@ pub struct MissionPlan {
     pub keys: LinkKeys,
     /// Every so often the keys of the links are changed, if ever.
     pub rekey_period: Option<TimePs>,
+}
+
+/// Users that have walked on since they were located.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Revisit {
+    /// Those are looked for again who matter to the placement and whose 95 % radius has grown beyond this when the lanes are flown, metres.
+    pub r95_m: f64,
+    /// How often at most.
+    pub most: u16,
 }
 
 /// What the rest of a sweep is planned from.
@@ -98,7 +115,50 @@ pub struct PlannedFleet {
     pub transit: usize,
 }
 
+impl MissionPlan {
+    /// Way of the fleet that flies farthest, metres.
+    #[must_use]
+    pub fn longest_m(&self) -> f64 {
+        self.fleets.iter().map(PlannedFleet::length_m).fold(0.0, f64::max)
+    }
+}
+
 impl PlannedFleet {
+    /// The fleet of that number in a sweep, from where it gets into formation over its approach to its lanes.
+    #[must_use]
+    pub fn along(
+        sweep: &SweepPlan,
+        fleet: usize,
+        centre_m: V2,
+        mates: [DroneId; 3],
+        clock_group: u16,
+    ) -> Self {
+        let own = || sweep.sub_areas.iter().filter(move |sub| sub.fleet == fleet);
+        let mut waypoints_m = vec![centre_m];
+        waypoints_m.extend(own().flat_map(|sub| &sub.approach_m));
+        let transit = waypoints_m.len();
+        waypoints_m.extend(own().flat_map(|sub| &sub.path_m));
+        Self { mates, waypoints_m, clock_group, transit }
+    }
+
+    /// Its slots around the first waypoint as it sets out, in triangles of such a side.
+    #[must_use]
+    pub fn slots_m(&self, heading: Heading, orientation_rad: f64, spacing_m: f64) -> [V2; 3] {
+        let centre_m = self.waypoints_m.first().copied().unwrap_or_default();
+        let first_leg = self.waypoints_m.get(1).map_or(V2::x(), |next| next - centre_m);
+        let turned = match heading {
+            Heading::Fixed => orientation_rad,
+            Heading::AlongTrack => orientation_rad + first_leg.y.atan2(first_leg.x),
+        };
+        [0, 1, 2].map(|slot| centre_m + slot_m(turned, slot, spacing_m))
+    }
+
+    /// All of its way in formation, metres.
+    #[must_use]
+    pub fn length_m(&self) -> f64 {
+        self.waypoints_m.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
+    }
+
     /// Way in formation to the first lane, metres.
     #[must_use]
     pub fn transit_m(&self) -> f64 {

@@ -65,7 +65,7 @@ impl Relaying {
             self.lookups += 1;
             self.find_neighbours(links);
         }
-        self.relay_states(links, far_too, send);
+        self.relay_states(now, links, far_too, send);
     }
 
     /// Who is near whom: looked up anew once a second, in which two drones come 24 m closer at most.
@@ -82,9 +82,15 @@ impl Relaying {
     }
 
     /// Relays to each drone the states of its nearest neighbours; of those beyond [`NEAR_M`] only now and then, of those
-    /// beyond [`FAR_M`] seldom.
-    fn relay_states(&self, links: &mut [DroneLink], far_too: bool, send: &mut impl FnMut(DroneId, &[u8])) {
-        for (row, &index) in self.drones.iter().enumerate() {
+    /// beyond [`FAR_M`] seldom. Where the link takes less than that, of all a while later, and of the nearest only.
+    fn relay_states(
+        &self,
+        now: TimePs,
+        links: &mut [DroneLink],
+        far_too: bool,
+        send: &mut impl FnMut(DroneId, &[u8]),
+    ) {
+        'drones: for (row, &index) in self.drones.iter().enumerate() {
             let here_m = self.positions_m[row];
             let all = far_too && (self.lookups + row).is_multiple_of(FAR_PERIODS);
             let within_m = match (far_too, all) {
@@ -92,6 +98,7 @@ impl Relaying {
                 (true, _) => FAR_M,
                 _ => NEAR_M,
             };
+            let Some(within_m) = links[index].pace.relays_within_m(now, within_m) else { continue };
             let mut states = heapless::Vec::new();
             for &other in self.relay.neighbours(row) {
                 let other = usize::from(other);
@@ -102,16 +109,21 @@ impl Relaying {
                 let Some(state) = neighbour.state else { continue };
                 let relayed = PeerState { drone: neighbour.id, state };
                 if states.is_full() {
-                    links[index].say(&Down::Peers(std::mem::take(&mut states)), send);
+                    links[index].say(now, &Down::Peers(std::mem::take(&mut states)), send);
+                    if links[index].pace.has_relayed_enough(now) {
+                        continue 'drones;
+                    }
                 }
                 states.push(relayed).expect("emptied when full");
             }
             // Without neighbours the frame is empty, and says that the link lives.
-            links[index].say(&Down::Peers(states), send);
+            links[index].say(now, &Down::Peers(states), send);
         }
         // Whoever hears no relay must still hear that the link lives.
         for link in links.iter_mut().filter(|link| link.connected && link.state.is_none()) {
-            link.say(&Down::Heartbeat, send);
+            if link.pace.relays_within_m(now, 0.0).is_some() {
+                link.say(now, &Down::Heartbeat, send);
+            }
         }
     }
 }

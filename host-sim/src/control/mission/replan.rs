@@ -4,7 +4,7 @@
 //! captures nothing any more. Then everybody stops, what is left of the area is [regrouped](crate::control::regroup), the new
 //! lanes are uploaded, and the sweep goes on from wherever the drones are. Users located so far stay located.
 
-use super::{ControlCenter, MissionError, Stage, drone::DroneLink, plan::PlannedFleet, pos_m};
+use super::{ControlCenter, MissionError, Stage, drone::DroneLink, pos_m};
 use crate::{
     control::{
         airspace::KeepOut,
@@ -28,8 +28,10 @@ const WAIT_FOR: TimePs = TimePs::from_ms(180_000);
 /// The sweep is planned anew so often at most for each drone, and some: whatever goes on breaking it will not stop.
 const MOST_PLANS_PER_DRONE: u16 = 2;
 const MOST_PLANS_MORE: u16 = 6;
-/// Charge below which nobody joins a sweep or serves, per mille: a tenth above the return.
-const LEAST_PERMILLE: u16 = 200;
+/// Charge below which nobody joins a sweep or serves, per mille: some above the return.
+pub(super) const LEAST_PERMILLE: u16 = 200;
+/// Charge at which a drone's own supervisor has it return, per mille.
+const RETURN_PERMILLE: u16 = 150;
 /// Arrival times of a fleet in which one captured nothing say nothing for this long before it was told: the warning's and the
 /// condition's own times (supervisor table), and a telemetry.
 const UNHEARD_FOR: TimePs = TimePs::from_ms(65_000);
@@ -53,7 +55,7 @@ mod bit {
     pub(super) const BATTERY_CRITICAL: u32 = 1 << 5;
     pub(super) const CLOCK_USELESS: u32 = 1 << 9;
     pub(super) const NAVIGATION_GONE: u32 = 1 << 11;
-    pub(super) const FENCE_CROSSED: u32 = 1 << 12;
+    pub(super) const FENCE_CROSSED: u32 = 1 << 13;
     pub(super) const WIND_BEYOND: u32 = 1 << 15;
     pub(super) const CAPTURES_GONE: u32 = 1 << 17;
 }
@@ -77,6 +79,8 @@ pub struct Replan {
     pub at: TimePs,
     /// Whose fleets were broken, and by whom.
     pub broken_by: Vec<DroneId>,
+    /// Users that are looked for again, as they have walked on.
+    pub users_gone: usize,
     /// Fleets that fly on; none where nobody could.
     pub fleets: usize,
     /// What was left of the area, square metres.
@@ -106,6 +110,24 @@ pub(super) struct Progress {
     cut_off: bool,
     /// All plans but the first.
     pub(super) replans: Vec<Replan>,
+    /// How often users that walk were looked for again, how many the next time, and where: of the area what has been flown
+    /// too long ago for them.
+    pub(super) revisits: u16,
+    pub(super) gone: usize,
+    pub(super) expired: Option<Region>,
+}
+
+impl Progress {
+    /// How far the fleets have come along their lanes, and when.
+    pub(super) fn came_mm(&self) -> &[Vec<(TimePs, i64)>] {
+        &self.came_mm
+    }
+
+    /// Whatever was covered is to be covered again.
+    pub(super) fn forget_swept(&mut self) {
+        self.came_mm.clear();
+        self.swept.clear();
+    }
 }
 
 impl ControlCenter {
@@ -126,12 +148,18 @@ impl ControlCenter {
         &self.progress.replans
     }
 
+    /// A drone's link; mostly drones are numbered as they are listed.
+    fn link(&self, id: DroneId) -> Option<&DroneLink> {
+        let listed = self.drones.get(usize::from(id.0).wrapping_sub(1)).filter(|link| link.id == id);
+        listed.or_else(|| self.drones.iter().find(|link| link.id == id))
+    }
+
     /// Whether no drone of a fleet has left its lanes, by their last words; at their end they hold.
     #[must_use]
     pub fn is_whole(&self, fleet: usize) -> bool {
         let mates = self.plan.fleets[fleet].mates;
         mates.iter().all(|mate| {
-            let link = self.drones.iter().find(|link| link.id == *mate);
+            let link = self.link(*mate);
             let stays = |phase| matches!(phase, FlightPhase::Sweep | FlightPhase::Hold | FlightPhase::Serve);
             link.is_some_and(|link| link.lost.is_none() && link.said_phase.is_some_and(stays))
         })
@@ -151,12 +179,8 @@ impl ControlCenter {
             known.map(|t| i64::from(t.sweep_phase_mm))
         };
         let mates = self.plan.fleets[fleet].mates;
-        let of = |mate: &DroneId| self.drones.iter().find(|link| link.id == *mate).and_then(way_mm);
-        let Some(least_mm) =
-            mates.iter().map(of).collect::<Option<Vec<_>>>().and_then(|it| it.into_iter().min())
-        else {
-            return;
-        };
+        let [Some(a), Some(b), Some(c)] = mates.map(|mate| self.link(mate).and_then(way_mm)) else { return };
+        let least_mm = a.min(b).min(c);
         self.progress.came_mm.resize(self.plan.fleets.len(), Vec::new());
         let came = &mut self.progress.came_mm[fleet];
         if came.last().is_none_or(|(_, before_mm)| *before_mm < least_mm) {
@@ -211,10 +235,7 @@ impl ControlCenter {
 
     /// The lanes begin at `at`: when they will be flown.
     pub(super) fn book_start(&mut self, at: TimePs) {
-        let way_m = |fleet: &PlannedFleet| -> f64 {
-            fleet.waypoints_m.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
-        };
-        let longest_m = self.plan.fleets.iter().map(way_m).fold(0.0, f64::max);
+        let longest_m = self.plan.longest_m();
         let ends = at.after(TimePs((1e12 * longest_m / self.plan.speed_mps) as i64));
         self.progress.ends = Some(ends);
         if let Some(replan) = self.progress.replans.last_mut().filter(|it| it.end_after.is_none()) {
@@ -227,8 +248,7 @@ impl ControlCenter {
     /// # Errors
     /// Where the plan cannot be made anew: a drone that left by itself ends the mission.
     pub(super) fn mend(&mut self, now: TimePs) -> Result<bool, MissionError> {
-        let deaf: Vec<bool> = self.drones.iter().map(|link| link.conditions() & DEAF != 0).collect();
-        for (link, _) in self.drones.iter_mut().zip(deaf).filter(|(link, deaf)| *deaf && !link.deaf) {
+        for link in self.drones.iter_mut().filter(|link| !link.deaf && link.conditions() & DEAF != 0) {
             (link.deaf, link.deaf_since) = (true, Some(now));
         }
         let broken_by = self.breakers(now);
@@ -240,15 +260,7 @@ impl ControlCenter {
         }
         if !self.may_replan() {
             // Whatever keeps breaking fleets will not stop: what is known is used.
-            let (end_before, end_after) = (self.progress.ends, None);
-            self.progress.replans.push(Replan {
-                at: now,
-                broken_by,
-                fleets: 0,
-                left_m2: 0.0,
-                end_before,
-                end_after,
-            });
+            self.note_replan(now, broken_by);
             self.plan.drones.iter_mut().for_each(|planned| planned.fleet = None);
             return self.enter(Stage::Collect, now).map(|()| true);
         }
@@ -266,7 +278,7 @@ impl ControlCenter {
     pub(super) fn stuck_in_assembly(&mut self, now: TimePs) -> Vec<DroneId> {
         let drones =
             self.plan.drones.iter().zip(&mut self.drones).filter(|(planned, _)| planned.fleet.is_some());
-        drones.filter_map(|(_, link)| link.stands_short(now).map(|_| link.id)).collect()
+        drones.filter_map(|(_, link)| link.stays_short(now).map(|_| link.id)).collect()
     }
 
     /// Whether three drones that sweep nothing could.
@@ -291,20 +303,21 @@ impl ControlCenter {
     }
 
     pub(super) fn halt(&mut self, now: TimePs, broken_by: Vec<DroneId>) -> Result<(), MissionError> {
-        self.progress.replans.push(Replan {
-            at: now,
-            broken_by,
-            fleets: 0,
-            left_m2: 0.0,
-            end_before: self.progress.ends,
-            end_after: None,
-        });
+        self.note_replan(now, broken_by);
         self.enter(Stage::Halt, now)
+    }
+
+    /// Nobody flies on before there is a plan.
+    fn note_replan(&mut self, at: TimePs, broken_by: Vec<DroneId>) {
+        let (users_gone, end_before) = (std::mem::take(&mut self.progress.gone), self.progress.ends);
+        let none = Replan { at, broken_by, users_gone, fleets: 0, left_m2: 0.0, end_before, end_after: None };
+        self.progress.replans.push(none);
     }
 
     /// Tells all that fly to stop, once each.
     pub(super) fn begin_halt(&mut self) {
         self.progress.told = vec![false; self.drones.len()];
+        self.ask_no_more();
         for link in &mut self.drones {
             // What the drones of a plan that is no more were to do.
             link.forget_commands();
@@ -347,7 +360,7 @@ impl ControlCenter {
                 pos_m: self.drone_pos_m(drone),
                 charge_permille: self.drones[drone]
                     .telemetry
-                    .map_or(0, |t| t.battery_permille - LEAST_PERMILLE / 2),
+                    .map_or(0, |t| t.battery_permille.saturating_sub(RETURN_PERMILLE)),
             })
             .collect();
         let anybody_lost = self.drones.iter().any(|link| link.lost.is_some());
@@ -362,7 +375,8 @@ impl ControlCenter {
         self.book_swept();
         self.progress.counted = survivors.iter().map(|it| it.drone).collect();
         let Some(again) = self.plan.resweep.take() else { return Stage::Collect };
-        let left = regroup::left(&again.region, &self.progress.swept, again.request.margin_m);
+        let region = self.progress.expired.as_ref().unwrap_or(&again.region);
+        let left = regroup::left(region, &self.progress.swept, again.request.margin_m);
         let whole: Vec<[usize; 3]> =
             self.plan.fleets.iter().filter_map(|fleet| self.indices(fleet.mates)).collect();
         let threes = regroup::threes(&whole, survivors);
@@ -414,17 +428,22 @@ impl ControlCenter {
         Stage::Upload
     }
 
+    /// How far from its centre a fleet hears everybody with all three drones, metres.
+    pub(super) fn swept_radius_m(&self) -> f64 {
+        self.plan.radius_m - self.plan.spacing_m / 3f64.sqrt()
+    }
+
     /// What the fleets have covered of the plan that is over.
     fn book_swept(&mut self) {
-        let radius_m = self.plan.radius_m - self.plan.spacing_m / 3f64.sqrt();
+        let radius_m = self.swept_radius_m();
         let came_mm = std::mem::take(&mut self.progress.came_mm);
         for (fleet, came) in self.plan.fleets.iter().zip(came_mm) {
-            let links =
-                fleet.mates.iter().filter_map(|mate| self.drones.iter().find(|link| link.id == *mate));
+            let links = fleet.mates.iter().filter_map(|mate| self.link(*mate));
             let heard_until = links.filter_map(|link| link.deaf_since).min();
             let counts = |at: TimePs| heard_until.is_none_or(|deaf| at.after(UNHEARD_FOR) < deaf);
             let Some((_, way_mm)) = came.iter().rev().find(|(at, _)| counts(*at)) else { continue };
-            self.progress.swept.extend(regroup::swept(&fleet.waypoints_m, *way_mm as f64 * 1e-3, radius_m));
+            let way_m = 0.0..*way_mm as f64 * 1e-3;
+            self.progress.swept.extend(regroup::swept(&fleet.waypoints_m, way_m, radius_m));
         }
     }
 
@@ -482,5 +501,35 @@ impl ControlCenter {
     /// Where a drone is; one that never flew is on its pad.
     pub(super) fn drone_pos_m(&self, drone: usize) -> V2 {
         self.drones[drone].state.map_or(self.plan.drones[drone].pad_m, |s| pos_m(&s.pos)).xy()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skyroost_firmware::{config::SupervisorConfig, peers, supervisor::Condition};
+
+    /// The control center knows of the flight code what crosses the wire: numbers, which have to be the same.
+    #[test]
+    fn what_is_known_of_the_flight_code_is_so() {
+        for (known, condition) in [
+            (bit::LINK_LOST, Condition::LinkLost),
+            (bit::LINK_GONE, Condition::LinkGone),
+            (bit::NAVIGATION_LOST, Condition::NavigationLost),
+            (bit::BATTERY_LOW, Condition::BatteryLow),
+            (bit::BATTERY_CRITICAL, Condition::BatteryCritical),
+            (bit::CLOCK_USELESS, Condition::ClockUseless),
+            (bit::NAVIGATION_GONE, Condition::NavigationGone),
+            (bit::FENCE_CROSSED, Condition::FenceCrossed),
+            (bit::WIND_BEYOND, Condition::WindBeyond),
+            (bit::CAPTURES_GONE, Condition::CapturesGone),
+        ] {
+            assert_eq!(known, condition.bit(), "{condition:?}");
+        }
+        assert_eq!(RETURN_PERMILLE, SupervisorConfig::USUAL.battery_low_permille);
+        assert!((LOST_FRESH_S as f32 - peers::FRESH.as_secs_f32()).abs() < 1e-6);
+        assert!((LOST_FLIES_S as f32 - peers::FLIES_ON.as_secs_f32()).abs() < 1e-6);
+        assert_eq!(LOST_FOR, peers::GONE);
+        assert!((LOST_DRIFTS_M as f32 - peers::DRIFT_LIMIT_M).abs() < 1e-6);
     }
 }

@@ -67,7 +67,7 @@ impl ControlCenter {
             Stage::Sweep => {
                 let started = self.sweep_started.is_some_and(|start| now > start);
                 let flown = started && self.all_there() && self.swept(now);
-                if flown && self.is_something_left() {
+                if flown && (self.is_something_left() || self.is_anybody_gone(now)?) {
                     return self.halt(now, Vec::new());
                 }
                 flown.then_some(Stage::Collect)
@@ -116,23 +116,22 @@ impl ControlCenter {
     fn check_patience(&self, now: TimePs) -> Result<(), MissionError> {
         let climb_s = self.plan.altitude_m; // at a third of the climb rate
         let flight_s = |way_m: f64| 2.0 * way_m / self.plan.speed_mps;
-        let limit_s = match self.stage {
-            Stage::Serve => return Ok(()),
-            Stage::Connect | Stage::Upload | Stage::Collect => 120.0,
-            Stage::Halt => 300.0,
-            Stage::TakeOff => 120.0 + climb_s,
-            Stage::Assemble => {
-                self.plan.assembly.as_ref().map_or(0.0, |assembly| {
+        let limit_s =
+            match self.stage {
+                Stage::Serve => return Ok(()),
+                Stage::Connect | Stage::Upload | Stage::Collect => 120.0,
+                Stage::Halt => 300.0,
+                Stage::TakeOff => 120.0 + climb_s,
+                Stage::Assemble => self.plan.assembly.as_ref().map_or(0.0, |assembly| {
                     600.0 + 2.0 * assembly.height_m() + flight_s(assembly.longest_m())
-                })
-            }
-            Stage::Sweep => {
-                let longest = self.plan.fleets.iter().map(|f| length_m(&f.waypoints_m)).fold(0.0, f64::max);
-                600.0 + flight_s(longest)
-            }
-            Stage::Deploy => 600.0 + climb_s + flight_s(self.longest_flight_m()),
-            Stage::Refine => 1_200.0,
-        };
+                }),
+                Stage::Sweep => {
+                    let longest = self.plan.longest_m();
+                    600.0 + flight_s(longest)
+                }
+                Stage::Deploy => 600.0 + climb_s + flight_s(self.longest_flight_m()),
+                Stage::Refine => 1_200.0,
+            };
         if now.since(self.stage_since).0 as f64 * 1e-12 <= limit_s {
             return Ok(());
         }
@@ -274,6 +273,8 @@ impl ControlCenter {
     /// Stage two of the paper: estimates of all users, then a placement for every drone.
     fn locate_and_place(&mut self, now: TimePs) -> Result<(), MissionError> {
         self.localization = localize(&self.occasions, &self.plan.localize)?;
+        self.localization.grow(now.0 as f64 * 1e-12, &self.plan.localize);
+        self.located_at = Some(now);
         let beliefs: Vec<UserBelief> = self.beliefs().map(|(_, belief)| belief).collect();
         let living = self.living();
         let drones = living.len();
@@ -354,8 +355,8 @@ impl ControlCenter {
             let from_m = self.drone_pos_m(target.drone);
             let (drone, leg) = (&mut self.drones[target.drone], &mut self.legs[target.drone]);
             let goal_m = target.station.map_or(plan.drones[target.drone].pad_m.xy(), |station| station.pos_m);
-            if let Some(short_of) = drone.stands_short(now) {
-                // Somebody keeps it from its place for good, and who stands here serves from here.
+            if let Some(short_of) = drone.stays_short(now) {
+                // Somebody keeps it from its place for good.
                 if leg.is_some_and(|leg| (leg - short_of).norm() < 0.01) && target.station.is_some() {
                     stuck.push((target.drone, from_m));
                 }
@@ -377,7 +378,8 @@ impl ControlCenter {
                 }
                 Some(FlightPhase::Hold) => true,
                 Some(FlightPhase::Serve) => *leg != Some(goal_m),
-                Some(FlightPhase::GoTo) => barred(leg),
+                // Without a leg it is on a way that an earlier stage gave it, and need not get there.
+                Some(FlightPhase::GoTo) => leg.is_none() || barred(leg),
                 _ => false,
             };
             if ready {
@@ -388,15 +390,29 @@ impl ControlCenter {
             }
         }
         for (drone, here_m) in stuck {
-            let targets = self.targets.iter_mut().filter(|target| target.drone == drone);
-            targets.filter_map(|target| target.station.as_mut()).for_each(|station| station.pos_m = here_m);
-            self.legs[drone] = Some(here_m);
-            self.drones[drone].command(place_at(here_m, self.plan.altitude_m));
+            self.serve_near(drone, here_m, now);
         }
         for drone in forgetful {
             self.plan.drones[drone].fleet = None;
             self.commission(drone, self.mission());
         }
+    }
+
+    /// Has a drone serve from the nearest place to where it is, rather than from its site, that leaves room for who else is there.
+    fn serve_near(&mut self, drone: usize, here_m: V2, now: TimePs) {
+        let apart_m = self.plan.min_goal_distance_m;
+        let others =
+            self.living().into_iter().filter(|&other| other != drone).map(|other| self.drone_pos_m(other));
+        let stations = self.stations().filter(|&(other, _)| other != drone).map(|(_, pos_m)| pos_m);
+        let mut keep_out: Vec<KeepOut> =
+            others.chain(stations).map(|centre_m| KeepOut { centre_m, radius_m: apart_m }).collect();
+        keep_out.extend(self.lost_places(now));
+        let at_m = self.plan.airspace.settled(&[here_m], apart_m, &keep_out)[0].unwrap_or(here_m);
+        let targets = self.targets.iter_mut().filter(|target| target.drone == drone);
+        targets.filter_map(|target| target.station.as_mut()).for_each(|station| station.pos_m = at_m);
+        let next_m = self.plan.airspace.next_m(here_m, at_m);
+        self.legs[drone] = Some(next_m);
+        self.drones[drone].command(place_at(next_m, self.plan.altitude_m));
     }
 
     fn deployed(&self, now: TimePs) -> bool {
@@ -462,9 +478,4 @@ impl ControlCenter {
         self.check_goals()?;
         Ok(done)
     }
-}
-
-/// Length of a polyline, metres.
-fn length_m(points_m: &[V2]) -> f64 {
-    points_m.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
 }

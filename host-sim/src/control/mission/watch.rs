@@ -118,51 +118,16 @@ impl ControlCenter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        control::{
-            airspace::Airspace,
-            keys::LinkKeys,
-            localize::LocalizeConfig,
-            mission::plan::{MissionPlan, PlannedDrone},
-            srs_schedule::SrsConfig,
-        },
-        geometry::{V2, V3, polygon::Polygon},
-    };
+    use crate::control::mission::simple;
     use skyroost_protocol::{
         codec::{MAX_FRAME, Sender},
-        message::{
-            ClockState, FlightPhase, Heading, Manner, SharedState, TdoaCounts, Telemetry, Up, Vertical,
-        },
+        message::{ClockState, FlightPhase, Manner, SharedState, TdoaCounts, Telemetry, Up},
         units::{PosEnuMm, VelEnuMmps},
     };
 
-    /// A control center of one drone, in the simplest of worlds.
+    /// A control center of one drone that is to be told of others so often.
     fn control(relay_ms: i64) -> ControlCenter {
-        let corners = [[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]].map(V2::from);
-        ControlCenter::new(MissionPlan {
-            drones: vec![PlannedDrone { id: DroneId(1), pad_m: V3::zeros(), fleet: None }],
-            fleets: vec![],
-            assembly: None,
-            airspace: Airspace::new(vec![], Polygon::new(&corners).unwrap(), 100.0, 10.0).unwrap(),
-            walls_mm: vec![],
-            spacing_m: 50.0,
-            heading: Heading::Fixed,
-            orientation_rad: 0.0,
-            speed_mps: 10.0,
-            altitude_m: 100.0,
-            radius_m: 500.0,
-            d_safe_m: 10.0,
-            d_plan_m: 14.5,
-            min_goal_distance_m: 15.0,
-            vertical: Vertical::default(),
-            srs: SrsConfig::default(),
-            localize: LocalizeConfig::default(),
-            relay_period: TimePs::from_ms(relay_ms),
-            resweep: None,
-            origin: 0,
-            keys: LinkKeys::none(),
-            rekey_period: None,
-        })
+        simple::control(1, |plan| plan.relay_period = TimePs::from_ms(relay_ms))
     }
 
     fn at(ms: i64) -> TimePs {

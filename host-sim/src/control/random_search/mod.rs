@@ -50,6 +50,8 @@ pub struct SearchPlan {
     pub vertical: Vertical,
     /// Every so often shared states are relayed.
     pub relay_period: TimePs,
+    /// Bytes a second that can be said to each drone; 0 for any number.
+    pub link_bytes_per_s: u32,
     /// What seals the links.
     pub keys: LinkKeys,
     /// Acceleration in turns, metres a second squared.
@@ -106,8 +108,8 @@ impl<R: Rng> RandomSearch<R> {
     /// Before the first word of any drone; headings come of `rng`.
     #[must_use]
     pub fn new(plan: SearchPlan, rng: R) -> Self {
-        let drones: Vec<DroneLink> =
-            (1..).zip(&plan.starts_m).map(|(id, _)| DroneLink::new(DroneId(id), &plan.keys)).collect();
+        let link = |(id, _)| DroneLink::new(DroneId(id), &plan.keys, plan.link_bytes_per_s);
+        let drones: Vec<DroneLink> = (1..).zip(&plan.starts_m).map(link).collect();
         let told = Told { velocity_mps: V2::zeros(), at: TimePs(0), home: false };
         Self {
             told: vec![told; drones.len()],
@@ -185,6 +187,7 @@ impl<R: Rng> RandomSearch<R> {
             link.step(now, send)?;
         }
         self.relaying.step(now, &mut self.drones, send);
+        self.drones.iter_mut().for_each(|link| link.say_lanes(now, send));
         Ok(())
     }
 

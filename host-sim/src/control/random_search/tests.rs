@@ -24,6 +24,7 @@ fn searching(side_m: f64, drones: &[([f64; 2], [f64; 2])]) -> RandomSearch<ChaCh
         d_safe_m: 10.0,
         vertical: Vertical::default(),
         relay_period: TimePs::from_ms(100),
+        link_bytes_per_s: 0,
         keys: LinkKeys::none(),
         accel_mps2: 3.0,
         delay_s: 0.9,

@@ -269,3 +269,35 @@ fn a_board_that_says_nothing_is_given_up() {
         assert!(begun.elapsed() < Duration::from_secs(5));
     }
 }
+
+/// A board that hears nothing but damage for longer than a silent one is waited for, and says so each time, is there.
+#[test]
+fn a_board_that_complains_is_not_silent() {
+    struct Noisy {
+        board: Loopback,
+        until: Option<Instant>,
+    }
+    impl Transport for Noisy {
+        fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+            if self.until.is_some_and(|until| Instant::now() < until) {
+                self.board.say(&FromBoard::Damaged);
+                return Ok(());
+            }
+            self.board.send(bytes)
+        }
+        fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
+            let count = self.board.receive(bytes, timeout)?;
+            if count == 0 {
+                std::thread::sleep(timeout);
+            }
+            Ok(count)
+        }
+    }
+    let link = LinkKind { resend_after: Some(Duration::from_millis(10)), ..LinkKind::LOSSLESS };
+    let mut bus = BusClient::new(Noisy { board: Loopback::new(1, 0), until: None }, link);
+    bus.begin(&AgentConfig::new(DroneId(9)), None).unwrap();
+    bus.transport.until = Some(Instant::now() + SILENCE + Duration::from_millis(500));
+    bus.begin_step(TimePs(0), &Inputs::default()).unwrap();
+    bus.end_step(&mut Outputs::default()).unwrap();
+    assert_eq!(bus.counters().steps, 1);
+}

@@ -96,7 +96,7 @@ impl Adversity {
         Some(adversity)
     }
 
-    /// What becomes of a frame that is given to the transmitter at `now_us`.
+    /// What becomes of a frame that is given to the transmitter at `now_us` and takes so many bytes on the air.
     pub(super) fn strike(&mut self, now_us: u64, bytes: usize) -> Strike {
         let mut at_us = now_us;
         if self.config.bits_per_s > 0.0 {
@@ -193,8 +193,8 @@ mod tests {
 
     #[test]
     fn a_rate_makes_frames_wait_and_drops_those_that_would_wait_too_long() {
-        // Four bytes in 10 ms: as much again as comes.
-        let config = AdversityConfig { bits_per_s: 3_200.0, queue_us: 50_000, ..AdversityConfig::default() };
+        // Four bytes and seven of framing in 10 ms: as much again as comes.
+        let config = AdversityConfig { bits_per_s: 8_800.0, queue_us: 50_000, ..AdversityConfig::default() };
         let mut even = link(&config);
         let arrived = sent(&mut even, 100, 10_000);
         assert!(arrived.iter().zip(0..).all(|(at, number)| *at == Some(10_000 * (number + 1) + 80_000)));
