@@ -31,8 +31,8 @@ const MOST_BACKOFF: u32 = 4;
 /// The last part of it, on a link that damages nothing, in which an open frame may still end.
 const SILENCE_AT_THE_END: Duration = Duration::from_secs(1);
 
-/// A step that is not done by then, though the board talks, never will be.
-const STEP_LIMIT: Duration = Duration::from_secs(10);
+/// What is not answered by then, though the board talks, never will be.
+const ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
 /// Longest time that a byte takes to a board and through it: thrice that of a UART at 921,600 baud.
 const BYTE_TIME: Duration = Duration::from_micros(33);
@@ -230,8 +230,8 @@ impl<T: Transport> BusClient<T> {
             let from = match heard {
                 Heard::Done(()) => return Ok(()),
                 _ if self.last_word.elapsed() >= SILENCE => return Err(self.silent_in_step()),
-                _ if begun.elapsed() >= STEP_LIMIT => {
-                    let (step, limit_s) = (self.step, STEP_LIMIT.as_secs());
+                _ if begun.elapsed() >= ANSWER_LIMIT => {
+                    let (step, limit_s) = (self.step, ANSWER_LIMIT.as_secs());
                     return Err(BoardFault::Nonsense(format!("step {step} is not done after {limit_s} s")));
                 }
                 Heard::Nothing if self.link.resend_after.is_none() => return Err(self.silent_in_step()),
@@ -352,8 +352,11 @@ impl<T: Transport> BusClient<T> {
         mut pick: impl FnMut(&mut Self, FromBoard<'_>) -> Option<A>,
     ) -> Result<A, BoardFault> {
         let (begun, mut backoff) = (Instant::now(), 1);
+        self.last_word = begun;
         loop {
-            self.transport.send(&self.request).map_err(fault)?;
+            self.outgoing.clear();
+            self.outgoing.extend_from_slice(&self.request);
+            self.send_outgoing()?;
             let timeout =
                 self.link.resend_after.map_or(SILENCE - SILENCE_AT_THE_END, |after| after * backoff);
             backoff = (2 * backoff).min(MOST_BACKOFF);
@@ -365,12 +368,25 @@ impl<T: Transport> BusClient<T> {
             })?;
             match heard {
                 Heard::Done(answer) => return Ok(answer),
-                _ if self.link.resend_after.is_none() || begun.elapsed() >= SILENCE => {
+                _ if self.link.resend_after.is_none() || self.last_word.elapsed() >= SILENCE => {
                     return Err(BoardFault::Silent { seconds: SILENCE.as_secs(), doing: doing() });
+                }
+                _ if begun.elapsed() >= ANSWER_LIMIT => {
+                    let limit_s = ANSWER_LIMIT.as_secs();
+                    return Err(BoardFault::Nonsense(format!("nothing of use for {limit_s} s {}", doing())));
                 }
                 _ => self.counters.resent += 1,
             }
         }
+    }
+
+    /// Sends what is to go out.
+    fn send_outgoing(&mut self) -> Result<(), BoardFault> {
+        if self.link.resend_after.is_some() {
+            // Should the last delimiter come damaged, this one ends the frame.
+            self.outgoing.push(0);
+        }
+        self.transport.send(&self.outgoing).map_err(fault)
     }
 
     /// Hears messages until `on_message` has heard enough, for at most `timeout` without any.
@@ -461,11 +477,7 @@ impl<T: Transport> BusClient<T> {
         let step = ToBoard::Step { step: self.step, parts: parts as u16, have, attempt, head };
         assert!(encode(&step, &mut self.frame), "every message fits a frame");
         self.outgoing.extend_from_slice(&self.frame);
-        if self.link.resend_after.is_some() {
-            // Should the last delimiter come damaged, this one ends the frame.
-            self.outgoing.push(0);
-        }
-        self.transport.send(&self.outgoing).map_err(fault)
+        self.send_outgoing()
     }
 
     fn put(&mut self, message: &ToBoard<'_>) {

@@ -294,9 +294,10 @@ fn a_board_that_complains_is_not_silent() {
         }
     }
     let link = LinkKind { resend_after: Some(Duration::from_millis(10)), ..LinkKind::LOSSLESS };
-    let mut bus = BusClient::new(Noisy { board: Loopback::new(1, 0), until: None }, link);
+    let past_silence = || Some(Instant::now() + SILENCE + Duration::from_millis(500));
+    let mut bus = BusClient::new(Noisy { board: Loopback::new(1, 0), until: past_silence() }, link);
     bus.begin(&AgentConfig::new(DroneId(9)), None).unwrap();
-    bus.transport.until = Some(Instant::now() + SILENCE + Duration::from_millis(500));
+    bus.transport.until = past_silence();
     bus.begin_step(TimePs(0), &Inputs::default()).unwrap();
     bus.end_step(&mut Outputs::default()).unwrap();
     assert_eq!(bus.counters().steps, 1);

@@ -186,6 +186,8 @@ impl Joint<'_> {
         let value = self.worth(&columns);
         if value > self.value + SAME_VALUE {
             (self.best, self.value) = (columns, value);
+            // A bound may be short by what the search of each disk takes for the same value.
+            self.bound = self.bound.max(value);
         }
     }
 
