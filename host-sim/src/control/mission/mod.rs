@@ -5,6 +5,7 @@
 
 pub(in crate::control) mod asking;
 mod assembly;
+mod deploy;
 pub mod drone;
 mod goals;
 pub mod plan;
