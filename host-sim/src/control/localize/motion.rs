@@ -89,11 +89,9 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::V3;
     use crate::rng::{self, Stream};
-    use crate::world::gauss_markov::GaussMarkov3;
 
-    /// Against walks drawn step by step.
+    /// Against walks drawn step by step, each velocity from the one before (Gelb 1974, 3.8).
     #[test]
     fn truth_spread_is_that_of_many_walks() {
         const WALKS: u32 = 4_000;
@@ -103,11 +101,12 @@ mod tests {
         let mut squares_m2 = [0.0; 4];
         let after_s = [1.0, 10.0, 40.0, 160.0];
         let sigma_mps = motion.velocity_m2ps2().sqrt();
+        let kept = (-DT_S / motion.turn_s).exp();
+        let fresh_mps = sigma_mps * (1.0 - kept * kept).sqrt();
         for _ in 0..WALKS {
-            let mut velocity = GaussMarkov3::new(V3::new(sigma_mps, 0.0, 0.0), motion.turn_s, DT_S, &mut rng);
-            let (mut at_m, mut before) = (0.0, velocity.value().x);
+            let (mut at_m, mut before) = (0.0, sigma_mps * rng::normal(&mut rng));
             for step in 1..=640 {
-                let now = velocity.advance(&mut rng).x;
+                let now = kept * before + fresh_mps * rng::normal(&mut rng);
                 at_m += 0.5 * DT_S * (before + now);
                 before = now;
                 for (sum, after_s) in squares_m2.iter_mut().zip(after_s) {

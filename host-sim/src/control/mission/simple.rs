@@ -1,4 +1,4 @@
-//! For tests: a control center in the simplest of worlds.
+//! For tests: a control center in the simplest of worlds, and what a drone tells it.
 
 use super::{
     ControlCenter,
@@ -9,7 +9,7 @@ use crate::{
     geometry::{V2, V3, polygon::Polygon},
 };
 use skyroost_protocol::{
-    message::{Heading, Vertical},
+    message::{ClockState, FlightPhase, Heading, TdoaCounts, Telemetry, Vertical},
     units::{DroneId, TimePs},
 };
 
@@ -45,4 +45,22 @@ pub(super) fn control(drones: u16, change: impl FnOnce(&mut MissionPlan)) -> Con
     };
     change(&mut plan);
     ControlCenter::new(plan)
+}
+
+/// Of a drone that nothing is wrong with and that has no mission.
+pub(super) fn telemetry(time: TimePs, phase: FlightPhase) -> Telemetry {
+    Telemetry {
+        time,
+        phase,
+        mission: None,
+        sweep_phase_mm: 0,
+        track_error_mm: 0,
+        battery_permille: 900,
+        conditions: 0,
+        frames_lost: 0,
+        frames_rejected: 0,
+        dropped: 0,
+        clock: ClockState::Free,
+        tdoa: TdoaCounts::NONE,
+    }
 }

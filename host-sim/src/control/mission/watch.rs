@@ -121,7 +121,7 @@ mod tests {
     use crate::control::mission::simple;
     use skyroost_protocol::{
         codec::{MAX_FRAME, Sender},
-        message::{ClockState, FlightPhase, Manner, SharedState, TdoaCounts, Telemetry, Up},
+        message::{FlightPhase, Manner, SharedState, Telemetry, Up},
         units::{PosEnuMm, VelEnuMmps},
     };
 
@@ -223,20 +223,7 @@ mod tests {
     fn a_condition_is_noted_once_whether_its_event_arrives_or_not() {
         let (mut control, mut drone) = (control(100), drone());
         let telemetry = |ms: i64, conditions: u32| {
-            Up::Telemetry(Telemetry {
-                time: at(ms),
-                phase: FlightPhase::Hold,
-                mission: None,
-                sweep_phase_mm: 0,
-                track_error_mm: 0,
-                battery_permille: 900,
-                conditions,
-                frames_lost: 0,
-                frames_rejected: 0,
-                dropped: 0,
-                clock: ClockState::Free,
-                tdoa: TdoaCounts::NONE,
-            })
+            Up::Telemetry(Telemetry { conditions, ..simple::telemetry(at(ms), FlightPhase::Hold) })
         };
         let event = |ms: i64, code: EventCode, value: u32| Up::Event { code, time: at(ms), value };
         const LINK_QUIET: u32 = 0;

@@ -4,7 +4,7 @@ use super::*;
 use crate::control::mission::simple;
 use skyroost_protocol::{
     codec::{Message, decode},
-    message::{AckStatus, ClockState, Down, Manner, SharedState, TdoaCounts, Telemetry},
+    message::{AckStatus, Down, Manner, SharedState, Telemetry},
     units::{MissionId, PosEnuMm, VelEnuMmps},
 };
 
@@ -26,20 +26,8 @@ fn sent_off(control: &mut ControlCenter, s: i64, drones: &[(FlightPhase, [f64; 3
         link.connected = true;
         let (vel, error_radius_mm, manner) = (VelEnuMmps([0; 3]), 1_000, Manner::ALONE);
         link.state = Some(SharedState { time: now, pos, vel, error_radius_mm, manner });
-        link.telemetry = Some(Telemetry {
-            time: now,
-            phase,
-            mission: Some(MissionId(1)),
-            sweep_phase_mm: 0,
-            track_error_mm: 0,
-            battery_permille: 900,
-            conditions: 0,
-            frames_lost: 0,
-            frames_rejected: 0,
-            dropped: 0,
-            clock: ClockState::Free,
-            tdoa: TdoaCounts::NONE,
-        });
+        let mission = Some(MissionId(1));
+        link.telemetry = Some(Telemetry { mission, ..simple::telemetry(now, phase) });
     }
     control.send_off(now);
     let mut sent = Vec::new();

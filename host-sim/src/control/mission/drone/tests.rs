@@ -1,10 +1,11 @@
 //! A drone's link as the control center has it.
 
 use super::*;
+use crate::control::mission::simple;
 use skyroost_protocol::{
     codec::{Message, decode},
     key::KEY_LEN,
-    message::{ClockState, Heading, Manner, TdoaCounts, Vertical},
+    message::{Heading, Manner, Vertical},
     stream::FRAMING,
     units::MissionId,
 };
@@ -46,23 +47,6 @@ fn a_silent_drone_is_given_up() {
     assert_eq!(result.unwrap_err().to_string(), "drone 7 did not answer take-off");
 }
 
-fn telemetry(ms: i64, phase: FlightPhase) -> Telemetry {
-    Telemetry {
-        time: TimePs::from_ms(ms),
-        phase,
-        mission: None,
-        sweep_phase_mm: 0,
-        track_error_mm: 0,
-        battery_permille: 900,
-        conditions: 0,
-        frames_lost: 0,
-        frames_rejected: 0,
-        dropped: 0,
-        clock: ClockState::Free,
-        tdoa: TdoaCounts::NONE,
-    }
-}
-
 /// After how many seconds a drone counts as not getting to its goal, 500 m off: it is at `at_m` then, and tells its phase or is not heard.
 fn stays_short_after(at_m: impl Fn(f64) -> f64, phase: impl Fn(i64) -> Option<FlightPhase>) -> Option<i64> {
     let mut link = DroneLink::new(DroneId(1), &LinkKeys::none(), 0);
@@ -72,7 +56,7 @@ fn stays_short_after(at_m: impl Fn(f64) -> f64, phase: impl Fn(i64) -> Option<Fl
     (1..=600).find(|&s| {
         let now = TimePs::from_ms(1_000 * s);
         if let Some(phase) = phase(s) {
-            link.telemetry = Some(telemetry(1_000 * s, phase));
+            link.telemetry = Some(simple::telemetry(now, phase));
             let pos = PosEnuMm([(1e3 * at_m(s as f64)) as i32, 0, 50_000]);
             let vel = VelEnuMmps([1_000, 0, 0]);
             let manner = Manner::ALONE;
@@ -132,7 +116,7 @@ impl Sealed {
     }
 
     fn tells(&mut self, link: &mut DroneLink, ms: i64) {
-        let telemetry = self.seals(&Up::Telemetry(telemetry(ms, FlightPhase::Hold)));
+        let telemetry = self.seals(&Up::Telemetry(simple::telemetry(TimePs::from_ms(ms), FlightPhase::Hold)));
         link.hear(TimePs::from_ms(ms), &telemetry, &mut |_, _| {}).unwrap();
     }
 }
